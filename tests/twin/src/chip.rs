@@ -46,7 +46,7 @@ pub mod tim;
 pub mod tim6;
 pub mod usb;
 
-use crate::{Board, Cycles, Modelled, Registers, Unknown, Width, World};
+use crate::{Board, Cycles, Modelled, Registers, Storage, Unknown, Width, World};
 use clocks::Clocks;
 use errata::Errata;
 use gpio::{Gpio, Mode};
@@ -294,7 +294,7 @@ pub struct Chip {
     /// Backup registers.
     pub tamp: tamp::Tamp,
     /// Debug support.
-    pub dbgmcu: dbgmcu::Dbgmcu,
+    pub dbgmcu: Storage,
     /// Serial link.
     pub lpuart1: lpuart::Lpuart,
     /// Advanced-control timer.
@@ -373,7 +373,7 @@ impl Chip {
             iwdg: Default::default(),
             crs: Default::default(),
             tamp: Default::default(),
-            dbgmcu: Default::default(),
+            dbgmcu: dbgmcu::registers(),
             lpuart1: Default::default(),
             tim1: Tim::new(Kind::Advanced),
             tim2: Tim::new(Kind::Wide),

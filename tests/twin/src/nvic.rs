@@ -321,7 +321,7 @@ impl Nvic {
 
     /// Records a bus fault at this address. It escalates to HardFault, as BusFault is never enabled here.
     pub fn bus_fault(&mut self, address: u32) {
-        self.storage.set(BFAR, address);
+        self.storage[BFAR] = address;
         // PRECISERR, BFARVALID.
         self.hard_fault(1 << 9 | 1 << 15);
     }
@@ -331,7 +331,7 @@ impl Nvic {
         // IACCVIOL, or DACCVIOL with MMARVALID.
         let status = if executing { 1 << 0 } else { 1 << 1 | 1 << 7 };
         if !executing {
-            self.storage.set(MMFAR, address);
+            self.storage[MMFAR] = address;
         }
         self.hard_fault(status);
     }
@@ -339,7 +339,7 @@ impl Nvic {
     /// The regions that the MPU currently enforces, in ascending precedence. Empty while the MPU is off, and in fault
     /// handlers if it does not apply there.
     pub fn regions(&self, masks: Masks) -> Vec<Region> {
-        let control = self.storage.get(MPU_CTRL);
+        let control = self.storage[MPU_CTRL];
         let in_fault = masks.faultmask || self.active.iter().any(|active| active.priority < 0);
         if control & MPU_ENABLE == 0 || in_fault && control & MPU_IN_FAULTS == 0 {
             return Vec::new();
@@ -355,9 +355,9 @@ impl Nvic {
 
     /// Records a fault's bits in CFSR, and its escalation.
     fn hard_fault(&mut self, status: u32) {
-        self.storage.set(CFSR, self.storage.get(CFSR) | status);
+        self.storage[CFSR] |= status;
         // FORCED.
-        self.storage.set(HFSR, self.storage.get(HFSR) | 1 << 30);
+        self.storage[HFSR] |= 1 << 30;
         self.pend_system(HARD_FAULT);
     }
 
@@ -399,7 +399,7 @@ impl Nvic {
 
     /// Whether CPACR grants full access to the FPU.
     pub fn fpu_is_on(&self) -> bool {
-        self.storage.get(CPACR) & FPU_ACCESS == FPU_ACCESS
+        self.storage[CPACR] & FPU_ACCESS == FPU_ACCESS
     }
 
     /// Advances SysTick to `now` and detects newly pending exceptions.
@@ -410,7 +410,7 @@ impl Nvic {
         let pending = self.pending_exceptions();
         let new = pending & !self.seen != 0;
         self.seen = pending;
-        if new && self.storage.get(SCR) & SEVONPEND != 0 {
+        if new && self.storage[SCR] & SEVONPEND != 0 {
             self.event = true;
         }
     }
@@ -470,8 +470,7 @@ impl Nvic {
                 let (base, attributes) = self.regions[number];
                 if register & 4 == MPU_RBAR & 4 { base | number as u32 } else { attributes }
             }
-            _ if self.storage.contains(register) => self.storage.get(register),
-            _ => return Err(Unknown::REGISTER),
+            _ => self.storage.load(register)?,
         })
     }
 
@@ -501,7 +500,7 @@ impl Nvic {
 
     /// The region that RBAR and RASR access.
     fn region(&self) -> usize {
-        self.storage.get(MPU_RNR) as usize % REGIONS
+        self.storage[MPU_RNR] as usize % REGIONS
     }
 
     /// A write to RBAR or RASR, or to one of their three aliases.
@@ -509,7 +508,7 @@ impl Nvic {
         let is_base = register & 4 == MPU_RBAR & 4;
         // VALID: the write includes the region number.
         if is_base && value & 1 << 4 != 0 {
-            self.storage.set(MPU_RNR, value & 0xf);
+            self.storage[MPU_RNR] = value & 0xf;
         }
         let number = self.region();
         let region = &mut self.regions[number];
@@ -567,7 +566,7 @@ impl Nvic {
                 self.reset |= value & SYSRESETREQ != 0;
             }
             // Writing 1 clears a bit.
-            CFSR | HFSR => self.storage.set(register, self.storage.get(register) & !value),
+            CFSR | HFSR => self.storage[register] &= !value,
             0xf00 => self.pending |= 1_u128 << (value & 0x7f) << FIRST_INTERRUPT & EXISTING,
             // Cache and branch predictor maintenance. An M4 has neither.
             0xf50..=0xf78 => {}
@@ -575,7 +574,9 @@ impl Nvic {
                 return Err(Unknown { what: "MPU without PRIVDEFENA is not modelled" });
             }
             MPU_RBAR..MPU_END => self.write_region(register, value)?,
-            _ => self.storage.write(register, value, width)?,
+            _ => {
+                self.storage.store(register, value, width)?;
+            }
         }
         Ok(())
     }

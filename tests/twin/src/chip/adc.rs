@@ -430,14 +430,14 @@ impl Converter {
     /// Loads the sequence and refuses settings that have no model.
     fn load_sequence(&mut self) -> Modelled {
         refuse_if(self.cfgr & CFGR_NOT_MODELLED != 0, "ADC_CFGR: mode is not modelled")?;
-        refuse_if(self.storage.get(CFGR2) != 0, "ADC_CFGR2: oversampling is not modelled")?;
+        refuse_if(self.storage[CFGR2] != 0, "ADC_CFGR2: oversampling is not modelled")?;
         for ofr in (OFR1..=OFR4).step_by(4) {
-            refuse_if(self.storage.get(ofr) & 1 << 31 != 0, "ADC_OFR: offsets are not modelled")?;
+            refuse_if(self.storage[ofr] & 1 << 31 != 0, "ADC_OFR: offsets are not modelled")?;
         }
-        let sqr: [u32; 4] = std::array::from_fn(|n| self.storage.get(SQR1 + 4 * n as u32));
+        let sqr: [u32; 4] = std::array::from_fn(|n| self.storage[SQR1 + 4 * n as u32]);
         self.length = (sqr[0] & 0xF) as usize + 1;
-        let smpr = [self.storage.get(SMPR1), self.storage.get(SMPR2)];
-        let differential = self.storage.get(DIFSEL);
+        let smpr = [self.storage[SMPR1], self.storage[SMPR2]];
+        let differential = self.storage[DIFSEL];
         for (rank, slot) in self.sequence.iter_mut().enumerate().take(self.length) {
             // SQ1 is the second field of the first register; each register has five fields, six bits apart.
             let place = rank + 1;
@@ -780,27 +780,22 @@ impl Adcs {
                 }
                 it.cfgr = value & !CFGR_RESERVED;
             }
-            storage => {
-                if !it.storage.contains(storage) {
-                    return Err(Unknown::REGISTER);
-                }
-                let before = it.storage.get(storage);
-                let fixed = match storage {
+            register => {
+                let fixed = match register {
                     DIFSEL => it.cr & ADEN != 0,
                     CFGR2 | SMPR1 | SMPR2 | SQR1..=SQR4 | OFR1..=OFR4 => it.is_started(),
                     _ => false,
                 };
-                it.storage.write(offset, value, width)?;
-                refuse_if(fixed && it.storage.get(storage) != before, "ADC register changed while the ADC is in use")?;
+                let before = it.storage.store(offset, value, width)?;
+                refuse_if(fixed && it.storage[register] != before, "ADC register changed while the ADC is in use")?;
             }
         }
         Ok(())
     }
 
-    fn read_unit(&mut self, unit: Unit, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
+    fn read_unit(&mut self, unit: Unit, register: u32) -> Modelled<u32> {
         let it = self.unit_mut(unit);
-        it.advance(now);
-        let word = match offset & !3 {
+        Ok(match register {
             ISR => it.isr,
             IER => it.ier,
             CR => it.cr,
@@ -810,9 +805,8 @@ impl Adcs {
                 u32::from(it.dr)
             }
             JDR1..=JDR4 => 0,
-            _ => return it.storage.read(offset, width),
-        };
-        Ok(width.part(word, offset))
+            _ => it.storage.load(register)?,
+        })
     }
 
     /// The converter or common block at an offset, and the offset within it.
@@ -868,10 +862,10 @@ enum Place {
 }
 
 impl Registers for Adcs {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
-        match Self::place(offset)? {
-            (Place::Unit(unit), within) => self.read_unit(unit, within, width, now),
-            (Place::Common(common), within) => Ok(width.part(self.read_common(common, within & !3)?, within)),
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        match Self::place(register)? {
+            (Place::Unit(unit), within) => self.read_unit(unit, within),
+            (Place::Common(common), within) => self.read_common(common, within),
         }
     }
 

@@ -133,8 +133,8 @@ impl Dac {
 }
 
 impl Registers for Dac {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
-        let word = match offset & !3 {
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        Ok(match register {
             CR => self.cr,
             DHR12R1 => self.holding,
             DOR1 => self.output,
@@ -144,8 +144,7 @@ impl Registers for Dac {
             }
             MCR => self.mcr,
             _ => return Err(Unknown::REGISTER),
-        };
-        Ok(width.part(word, offset))
+        })
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {

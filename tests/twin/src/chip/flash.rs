@@ -14,7 +14,7 @@
 use super::rom;
 use crate::registers::{refuse, refuse_if};
 use crate::{
-    Cycles, Modelled, Registers, Storage, Unknown, Width,
+    Cycles, Modelled, Registers, Storage, Width,
     chip::{
         clocks::Clocks,
         errata::Errata,
@@ -209,7 +209,7 @@ impl Default for Flash {
             memory: Ram::new(LEN, 0xff),
             torn: BTreeSet::new(),
             options: OPTIONS_DELIVERED,
-            storage: Storage::new(&[(ACR, 0x4_0600, 0x7f0f), (OPTR, OPTIONS_DELIVERED, !OPTR_RESERVED)]),
+            storage: Storage::shared(&[(ACR, 0x4_0600, 0x7f0f), (OPTR, OPTIONS_DELIVERED, !OPTR_RESERVED)]),
             status: 0,
             control: LOCK | OPTLOCK,
             ecc: 0,
@@ -312,12 +312,12 @@ impl Flash {
 
     /// The wait states that are set (FLASH_ACR.LATENCY).
     pub fn wait_states(&self) -> u32 {
-        self.storage.get(ACR) & 0xf
+        self.storage[ACR] & 0xf
     }
 
     /// How the core reads the flash: 64 bits at a time in dual-bank mode, 128 in single-bank mode (RM0440, 3.3.3).
     pub fn access(&self) -> Access {
-        let (acr, two_banks) = (self.storage.get(ACR), self.options() & DBANK != 0);
+        let (acr, two_banks) = (self.storage[ACR], self.options() & DBANK != 0);
         Access {
             wait_states: u64::from(self.wait_states()),
             width: if two_banks { 8 } else { 16 },
@@ -328,7 +328,7 @@ impl Flash {
 
     /// The option bytes in use, as last loaded.
     pub fn options(&self) -> u32 {
-        self.storage.get(OPTR)
+        self.storage[OPTR]
     }
 
     /// Writes the option bytes as a debug probe does. They take effect at the next restart.
@@ -351,7 +351,7 @@ impl Flash {
 
     /// Brown-out level in use: 0 is 1.7 V, 4 is 2.8 V.
     pub fn brown_out_level(&self) -> u32 {
-        self.storage.get(OPTR) >> 8 & 7
+        self.storage[OPTR] >> 8 & 7
     }
 
     /// Whether the `len` bytes from `address` on are within flash.
@@ -475,7 +475,7 @@ impl Flash {
                 self.memory.bytes_mut()[start..end].fill(0xff);
                 self.torn.retain(|word| !(start / 8..end / 8).contains(word));
             }
-            Action::Options => self.options = self.storage.get(OPTR),
+            Action::Options => self.options = self.storage[OPTR],
         }
     }
 
@@ -483,7 +483,7 @@ impl Flash {
     /// applies.
     fn check_cache(&self) -> Modelled {
         refuse_if(
-            self.errata.data_cache && self.storage.get(ACR) & DCEN != 0,
+            self.errata.data_cache && self.storage[ACR] & DCEN != 0,
             "flash operation while the data cache is on, which may corrupt the cache (ES0430 2.2.2)",
         )
     }
@@ -497,7 +497,7 @@ impl Flash {
         // An operation that hangs takes about a year.
         let length = (if self.hangs { 3e7 } else { length_s } * self.hclk_hz) as Cycles;
         self.operation = Some(Operation { action, end: now + length });
-        self.stale |= self.storage.get(ACR) & DCEN != 0;
+        self.stale |= self.storage[ACR] & DCEN != 0;
         match &mut self.cut {
             Some(Cut { left: 0, .. }) => self.cut_at = Some(now + length / 2),
             Some(cut) => cut.left -= 1,
@@ -567,7 +567,7 @@ impl Flash {
             self.stale && self.rules == Rules::Enforced,
             "read through a data cache that was not reset after flash changed",
         )?;
-        let hit = self.storage.get(ACR) & DCEN != 0 && self.torn.contains(&(at / 8)) && !self.cached.insert(at / 8);
+        let hit = self.storage[ACR] & DCEN != 0 && self.torn.contains(&(at / 8)) && !self.cached.insert(at / 8);
         if self.torn.contains(&(at / 8)) && !hit && self.ecc & ECCD == 0 {
             let bank = if at >= BANK { BK_ECC } else { 0 };
             let place = bank | ((at % BANK) & !7) as u32;
@@ -677,9 +677,8 @@ impl Flash {
 }
 
 impl Registers for Flash {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
-        self.advance(now);
-        let word = match offset & !3 {
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        Ok(match register {
             KEYR | OPTKEYR => 0,
             SR => self.status | if self.operation.is_some() { BSY } else { 0 },
             CR => {
@@ -691,11 +690,8 @@ impl Registers for Flash {
                 self.control | started
             }
             ECCR => self.ecc,
-            // A program reads both to change single bits, so a read before any write is not listed.
-            ACR | OPTR => self.storage.get(offset & !3),
-            _ => return Err(Unknown::REGISTER),
-        };
-        Ok(width.part(word, offset))
+            _ => self.storage.load(register)?,
+        })
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
@@ -713,9 +709,8 @@ impl Registers for Flash {
                 self.ecc = self.ecc & !ECCIE | word & ECCIE;
             }
             ACR => {
-                let before = self.storage.get(ACR);
-                self.storage.write(offset, value, width)?;
-                let after = self.storage.get(ACR);
+                let before = self.storage.store(offset, value, width)?;
+                let after = self.storage[ACR];
                 if after & DCRST != 0 {
                     match (before & after & DCEN != 0, self.rules) {
                         (true, Rules::Enforced) => return refuse("data cache reset (DCRST) while the cache is on"),
@@ -729,8 +724,7 @@ impl Registers for Flash {
                 }
             }
             OPTR if self.control & OPTLOCK != 0 => return refuse("the option bytes are locked"),
-            OPTR => self.storage.write(offset, value, width)?,
-            _ => return Err(Unknown::REGISTER),
+            _ => return self.storage.write(offset, value, width, now),
         }
         Ok(())
     }
@@ -767,7 +761,7 @@ impl Registers for Flash {
         // A reset aborts an operation in progress, which leaves the cells as a power failure does.
         self.lose_power();
         self.storage.reset();
-        self.storage.set(OPTR, self.options);
+        self.storage[OPTR] = self.options;
         self.status = 0;
         self.control = LOCK | OPTLOCK;
         self.ecc = 0;

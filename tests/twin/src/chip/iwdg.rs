@@ -98,9 +98,8 @@ impl Iwdg {
 }
 
 impl Registers for Iwdg {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
-        self.advance(now);
-        let word = match offset & !3 {
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        Ok(match register {
             KR => 0,
             PR => self.prescaler,
             RLR => self.reload,
@@ -110,8 +109,7 @@ impl Registers for Iwdg {
             }
             WINR => self.window,
             _ => return Err(Unknown::REGISTER),
-        };
-        Ok(width.part(word, offset))
+        })
     }
 
     fn write(&mut self, offset: u32, value: u32, _: Width, now: Cycles) -> Modelled {

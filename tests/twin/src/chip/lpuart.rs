@@ -57,15 +57,10 @@ pub struct Lpuart {
 
 impl Default for Lpuart {
     fn default() -> Self {
-        let storage = Storage::new(&[
-            (CR1, 0, u32::MAX),
-            (CR2, 0, 0xffff_ff70),
-            (CR3, 0, u32::MAX),
-            (BRR, 0, 0xf_ffff),
-            (PRESC, 0, 0xf),
-        ]);
+        // Receiver and transmitter share these registers.
+        let shared = Storage::shared(&[(CR1, 0, u32::MAX), (CR2, 0, 0xffff_ff70), (CR3, 0, u32::MAX)]);
         Self {
-            storage,
+            storage: shared.and(Storage::new(&[(BRR, 0, 0xf_ffff), (PRESC, 0, 0xf)])),
             flags: TC,
             clock_hz: 16e6,
             hclk_hz: 16e6,
@@ -104,8 +99,8 @@ impl Lpuart {
     /// Baud rate set in the registers \[bit/s\]; none if the setting is invalid.
     pub fn baud(&self) -> Option<f64> {
         let prescaler = [1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 32.0, 64.0, 128.0, 256.0];
-        let divider = f64::from(self.storage.get(BRR));
-        let prescaler = prescaler.get(self.storage.get(PRESC) as usize)?;
+        let divider = f64::from(self.storage[BRR]);
+        let prescaler = prescaler.get(self.storage[PRESC] as usize)?;
         let baud = 256.0 * self.clock_hz / prescaler / divider;
         (baud.is_finite() && baud > 0.0).then_some(baud)
     }
@@ -123,7 +118,7 @@ impl Lpuart {
     }
 
     fn has(&self, bits: u32) -> bool {
-        self.storage.get(CR1) & bits == bits
+        self.storage[CR1] & bits == bits
     }
 
     fn depth(&self) -> usize {
@@ -132,7 +127,7 @@ impl Lpuart {
 
     /// Number of bytes at which RXFT or TXFT is set (CR3 threshold fields).
     fn threshold(&self, shift: u32) -> usize {
-        match self.storage.get(CR3) >> shift & 7 {
+        match self.storage[CR3] >> shift & 7 {
             0 => 1,
             1 => 2,
             2 => 4,
@@ -160,7 +155,7 @@ impl Lpuart {
 
     /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
-        let (cr1, cr3, status) = (self.storage.get(CR1), self.storage.get(CR3), self.status());
+        let (cr1, cr3, status) = (self.storage[CR1], self.storage[CR3], self.status());
         // IDLEIE, RXNEIE, TCIE and TXEIE have the positions of their flags; RXNEIE also enables overrun.
         cr1 & status & (IDLE | RXNE | TC | TXE) != 0
             || cr1 & RXNE != 0 && status & ORE != 0
@@ -173,12 +168,12 @@ impl Lpuart {
 
     /// Whether the receiver requests DMA.
     pub fn dma_receive(&self) -> bool {
-        self.storage.get(CR3) & DMAR != 0 && !self.receive.is_empty()
+        self.storage[CR3] & DMAR != 0 && !self.receive.is_empty()
     }
 
     /// Whether the transmitter requests DMA.
     pub fn dma_transmit(&self) -> bool {
-        self.storage.get(CR3) & DMAT != 0 && self.has(UE | TE) && self.transmit.len() < self.depth()
+        self.storage[CR3] & DMAT != 0 && self.has(UE | TE) && self.transmit.len() < self.depth()
     }
 
     fn start(&mut self, now: Cycles) {
@@ -190,7 +185,7 @@ impl Lpuart {
     fn received(&mut self, byte: u8) {
         if self.receive.len() < self.depth() {
             self.receive.push_back(if self.rates_agree() { byte } else { !byte });
-        } else if self.storage.get(CR3) & OVRDIS == 0 {
+        } else if self.storage[CR3] & OVRDIS == 0 {
             self.flags |= ORE;
         }
         if !self.rates_agree() {
@@ -200,18 +195,14 @@ impl Lpuart {
 }
 
 impl Registers for Lpuart {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
-        self.advance(now);
-        let word = match offset & !3 {
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        Ok(match register {
             ISR => self.status(),
             RDR => u32::from(self.receive.pop_front().unwrap_or(0)),
             ICR | RQR => 0,
             TDR => u32::from(self.written),
-            // Receiver and transmitter share these registers.
-            CR1 | CR2 | CR3 => self.storage.get(offset & !3),
-            register => self.storage.read(register, Width::Word)?,
-        };
-        Ok(width.part(word, offset))
+            _ => self.storage.load(register)?,
+        })
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
@@ -238,7 +229,7 @@ impl Registers for Lpuart {
             CR1 if word & CR1_UNKNOWN != 0 => return refuse("frame formats other than 8N1 are not modelled"),
             CR3 if word & !CR3_KNOWN != 0 => return refuse("flow control and half-duplex are not modelled"),
             CR1 => {
-                self.storage.write(offset, value, width)?;
+                self.storage.store(offset, value, width)?;
                 if !self.has(UE) {
                     self.flags = TC;
                     self.receive.clear();
@@ -247,7 +238,7 @@ impl Registers for Lpuart {
                 }
                 self.start(now);
             }
-            _ => self.storage.write(offset, value, width)?,
+            _ => return self.storage.write(offset, value, width, now),
         }
         Ok(())
     }

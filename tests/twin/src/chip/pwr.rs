@@ -1,6 +1,6 @@
 //! Power control (RM0440 section 6.4): boost mode and write protection of the backup domain; the rest is storage.
 
-use crate::registers::{peek, refuse_if};
+use crate::registers::refuse_if;
 use crate::{Cycles, Modelled, Registers, Storage, Width};
 
 registers! { u32:
@@ -17,7 +17,7 @@ pub struct Pwr(Storage);
 impl Default for Pwr {
     fn default() -> Self {
         // CR1 to CR4, SR1, SR2, SCR, CR5. Only range 1 is modelled: VOS does not change.
-        Self(Storage::new(&[
+        Self(Storage::shared(&[
             (CR1, 0x200, 0x4107 | DBP),
             (0x04, 0, 0xf0),
             (0x08, 0x8000, 0xc51f),
@@ -33,26 +33,26 @@ impl Default for Pwr {
 impl Pwr {
     /// Whether range 1 boost mode is on, in which the core may exceed 150 MHz.
     pub fn boost(&self) -> bool {
-        self.0.get(CR5) & R1MODE == 0
+        self.0[CR5] & R1MODE == 0
     }
 
     /// Whether the backup domain is writable.
     pub fn backup_is_open(&self) -> bool {
-        self.0.get(CR1) & DBP != 0
+        self.0[CR1] & DBP != 0
     }
 }
 
 impl Registers for Pwr {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
-        peek(&self.0, offset, width)
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        self.0.load(register)
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         refuse_if(
             offset & !3 == CR1 && width == Width::Word && value >> 9 & 3 != 1,
             "PWR_CR1.VOS: only range 1 is modelled",
         )?;
-        self.0.write(offset, value, width)
+        self.0.write(offset, value, width, now)
     }
 
     fn reset(&mut self, _: Cycles) {

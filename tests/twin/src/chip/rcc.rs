@@ -9,7 +9,7 @@
 
 use crate::registers::{refuse, refuse_if};
 use crate::{
-    Cycles, Modelled, Registers, Storage, Unknown, Width,
+    Cycles, Modelled, Registers, Storage, Width,
     chip::{clocks::Clocks, errata::Errata, rules::Rules},
 };
 
@@ -122,7 +122,7 @@ pub struct Rcc {
 impl Rcc {
     /// RCC with a crystal of this frequency, 0 for none.
     pub fn new(hse_hz: f64) -> Self {
-        let storage = Storage::new(&[
+        let storage = Storage::shared(&[
             (CR, HSION, HSION | 1 << 9 | HSEON | HSEBYP | CSSON | PLLON),
             (ICSCR, 0x4000_0000, 0x7f00_0000),
             (CFGR, 0x5, 0x3ff3 | 0x7f00_0000),
@@ -172,13 +172,13 @@ impl Rcc {
 
     /// The system clock in use (SWS).
     fn in_use(&self) -> u32 {
-        self.still.unwrap_or(self.storage.get(CFGR) & 3)
+        self.still.unwrap_or(self.storage[CFGR] & 3)
     }
 
     /// Time at which a system clock source becomes ready; none while it is off.
     fn ready(&self, source: u32) -> Option<Cycles> {
         match source {
-            1 => (self.storage.get(CR) & HSION != 0).then_some(0),
+            1 => (self.storage[CR] & HSION != 0).then_some(0),
             2 => self.hse_ready,
             3 => self.pll_ready,
             _ => None,
@@ -189,7 +189,7 @@ impl Rcc {
     /// frequencies.
     #[must_use]
     pub fn switches(&mut self, now: Cycles) -> bool {
-        let ready = self.still.is_some() && self.ready(self.storage.get(CFGR) & 3).is_some_and(|at| at <= now);
+        let ready = self.still.is_some() && self.ready(self.storage[CFGR] & 3).is_some_and(|at| at <= now);
         if ready {
             self.still = None;
         }
@@ -208,12 +208,12 @@ impl Rcc {
 
     /// Whether a peripheral's clock is enabled.
     pub fn is_on(&self, Gate(register, bit): Gate) -> bool {
-        self.storage.get(register) >> bit & 1 != 0
+        self.storage[register] >> bit & 1 != 0
     }
 
     /// Whether a peripheral is held in reset.
     pub fn is_reset(&self, Gate(register, bit): Gate) -> bool {
-        self.storage.get(register - 0x20) >> bit & 1 != 0
+        self.storage[register - 0x20] >> bit & 1 != 0
     }
 
     /// Makes the crystal fail, which stops everything that it clocks. If the CSS monitors the crystal, the core
@@ -222,13 +222,13 @@ impl Rcc {
         self.hse_hz = 0.0;
         // A crystal that is not ready yet never becomes ready.
         self.hse_ready = self.hse_ready.filter(|at| *at <= now);
-        let watched = self.storage.get(CR) & CSSON != 0 && self.hse_ready.take().is_some();
+        let watched = self.storage[CR] & CSSON != 0 && self.hse_ready.take().is_some();
         if watched {
             self.failed = true;
-            self.storage.set(CR, self.storage.get(CR) & !(HSEON | PLLON | CSSON) | HSION);
+            self.storage[CR] = self.storage[CR] & !(HSEON | PLLON | CSSON) | HSION;
             self.pll_ready = None;
             self.still = None;
-            self.storage.set(CFGR, self.storage.get(CFGR) & !3 | 1);
+            self.storage[CFGR] = self.storage[CFGR] & !3 | 1;
         }
     }
 
@@ -239,7 +239,7 @@ impl Rcc {
 
     /// CCIPR: clock source selections of the peripherals.
     pub fn ccipr(&self) -> u32 {
-        self.storage.get(CCIPR)
+        self.storage[CCIPR]
     }
 
     /// Adds the flags of a reset cause; a power-on reset clears earlier flags.
@@ -249,7 +249,7 @@ impl Rcc {
 
     /// Frequencies of the PLL input, the VCO and the outputs P, Q and R (0 for an output that is off).
     fn pll(&self) -> (f64, f64, [f64; 3]) {
-        let pllcfgr = self.storage.get(PLLCFGR);
+        let pllcfgr = self.storage[PLLCFGR];
         let field = |shift: u32, mask: u32| f64::from(pllcfgr >> shift & mask);
         let on = |bit: u32| pllcfgr >> bit & 1 != 0;
         let source = match pllcfgr & 3 {
@@ -280,7 +280,7 @@ impl Rcc {
 
     /// Frequencies set in the registers, from the time `since` on, which is `since_s` seconds after power-on.
     pub fn clocks(&self, since: Cycles, since_s: f64) -> Clocks {
-        let cfgr = self.storage.get(CFGR);
+        let cfgr = self.storage[CFGR];
         let sysclk_hz = self.sysclk_hz();
         let ahb = match cfgr >> 4 & 0xf {
             code @ 8..=11 => f64::from(2 << (code - 8)),
@@ -297,7 +297,7 @@ impl Rcc {
         let [p, q, _] = self.pll().2;
         let ccipr = self.ccipr();
         let usb_hz = match ccipr >> 26 & 3 {
-            0 if self.storage.get(CRRCR) & 1 != 0 => HSI48_HZ,
+            0 if self.storage[CRRCR] & 1 != 0 => HSI48_HZ,
             2 => q,
             _ => 0.0,
         };
@@ -331,7 +331,7 @@ impl Rcc {
     ///
     /// `boost`: PWR_CR5.R1MODE is 0; `wait_states`: FLASH_ACR.LATENCY.
     pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Modelled {
-        let cr = self.storage.get(CR);
+        let cr = self.storage[CR];
         // Outside its range the PLL may or may not lock, which matters only if it clocks the system.
         if cr & PLLON != 0 && (self.rules == Rules::Enforced || self.in_use() == 3) {
             let (input, vco, outputs) = self.pll();
@@ -363,18 +363,14 @@ fn switched(on: bool, before: Option<Cycles>, ready: Cycles) -> Option<Cycles> {
 }
 
 impl Registers for Rcc {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
+    fn word(&mut self, register: u32, now: Cycles) -> Modelled<u32> {
         let ready = |moment: Option<Cycles>, flag: u32| if moment.is_some_and(|at| at <= now) { flag } else { 0 };
-        let register = offset & !3;
-        if matches!(register, CIFR | CICR) {
-            return Ok(if register == CIFR && self.failed { CSSF } else { 0 });
-        }
-        if !self.storage.contains(register) {
-            return Err(Unknown::REGISTER);
-        }
-        // A program reads all of them to change single bits, so a read before any write is not listed.
-        let value = self.storage.get(register);
-        let word = match register {
+        let value = match register {
+            CIFR if self.failed => CSSF,
+            CIFR | CICR => 0,
+            _ => self.storage.load(register)?,
+        };
+        Ok(match register {
             CR => {
                 value
                     | if value & HSION != 0 { HSIRDY } else { 0 }
@@ -385,8 +381,7 @@ impl Registers for Rcc {
             CSR => value | self.causes | ready(self.lsi_ready, 2),
             CRRCR => value | ready(self.hsi48_ready, 2),
             _ => value,
-        };
-        Ok(width.part(word, offset))
+        })
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
@@ -395,14 +390,11 @@ impl Registers for Rcc {
             self.failed &= width.replace(0, offset, value) & CSSF == 0;
             return Ok(());
         }
-        if !self.storage.contains(register) {
-            return Err(Unknown::REGISTER);
-        }
-        let old = self.storage.get(register);
+        let old = self.storage.load(register)?;
         let word = width.replace(old, offset, value);
         match register {
             CR if word & PLLON != 0
-                && self.storage.get(PLLCFGR) & 3 == 3
+                && self.storage[PLLCFGR] & 3 == 3
                 && self.hse_ready.is_none_or(|at| at > now) =>
             {
                 return refuse("PLL enabled before its source is ready");
@@ -418,7 +410,7 @@ impl Registers for Rcc {
         }
         let slow = self.sysclk_hz() <= STEP_HZ;
         let in_use = self.in_use();
-        self.storage.write(offset, value, width)?;
+        self.storage.store(offset, value, width)?;
         if register == CFGR && self.rules == Rules::AsOnTheChip {
             self.still = self.ready(word & 3).is_none_or(|at| at > now).then_some(in_use);
         }
@@ -453,9 +445,9 @@ impl Registers for Rcc {
 
     fn reset(&mut self, _: Cycles) {
         // A system reset does not affect RCC_BDCR.
-        let bdcr = self.storage.get(BDCR);
+        let bdcr = self.storage[BDCR];
         self.storage.reset();
-        self.storage.set(BDCR, bdcr);
+        self.storage[BDCR] = bdcr;
         (self.hse_ready, self.pll_ready, self.hsi48_ready, self.lsi_ready) = (None, None, None, None);
         self.hclk_hz = HSI_HZ;
         self.failed = false;
@@ -463,7 +455,7 @@ impl Registers for Rcc {
     }
 
     fn next_event(&self) -> Option<Cycles> {
-        self.still.and(self.ready(self.storage.get(CFGR) & 3))
+        self.still.and(self.ready(self.storage[CFGR] & 3))
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {

@@ -264,7 +264,7 @@ impl Registers for Spi {
                 status
             }
             DR if offset & 3 == 0 => return Ok(self.read_data(width)),
-            _ => return self.storage.read(offset, width),
+            register => self.storage.load(register)?,
         };
         Ok(width.part(word, offset))
     }
@@ -287,7 +287,7 @@ impl Registers for Spi {
             SR => Ok(()),
             DR if offset & 3 == 0 => self.write_data(value, width, now),
             I2SCFGR if value & 1 << 11 != 0 => refuse("SPI_I2SCFGR.I2SMOD: I2S is not modelled"),
-            _ => self.storage.write(offset, value, width),
+            _ => self.storage.write(offset, value, width, now),
         }
     }
 

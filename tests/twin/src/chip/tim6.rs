@@ -159,8 +159,8 @@ impl Tim6 {
 }
 
 impl Registers for Tim6 {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
-        let word = match offset & !3 {
+    fn word(&mut self, register: u32, now: Cycles) -> Modelled<u32> {
+        Ok(match register {
             CR1 => self.cr1,
             CR2 => self.cr2,
             DIER => self.dier,
@@ -171,8 +171,7 @@ impl Registers for Tim6 {
             PSC => self.psc,
             ARR => self.arr,
             _ => return Err(Unknown::REGISTER),
-        };
-        Ok(width.part(word, offset))
+        })
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
