@@ -596,20 +596,20 @@ impl Chip {
     /// Sets the errata that apply from now on; a new chip has none.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
-        self.flash.set_errata(errata);
-        self.adc.set_errata(errata);
-        self.rcc.set_errata(errata);
-        self.spi2.set_errata(errata);
-        self.dma1.set_errata(errata);
-        self.dma2.set_errata(errata);
+        self.flash.errata = errata;
+        self.adc.errata = errata;
+        self.rcc.errata = errata;
+        self.spi2.errata = errata;
+        self.dma1.errata = errata;
+        self.dma2.errata = errata;
     }
 
     /// Sets how strictly the model treats violations from now on; a new chip enforces the rules.
     pub fn set_rules(&mut self, rules: Rules) {
         self.rules = rules;
-        self.rcc.set_rules(rules);
-        self.flash.set_rules(rules);
-        self.adc.set_rules(rules);
+        self.rcc.rules = rules;
+        self.flash.rules = rules;
+        self.adc.rules = rules;
     }
 
     /// The errata in force.
@@ -630,12 +630,12 @@ impl Chip {
 
     /// The reset that the chip itself requests, if any.
     pub fn reset_wanted(&self) -> Option<Reset> {
-        if self.iwdg.bites() { Some(Reset::Watchdog) } else { self.flash.launches().then_some(Reset::OptionBytes) }
+        if self.iwdg.bites() { Some(Reset::Watchdog) } else { self.flash.launch.then_some(Reset::OptionBytes) }
     }
 
     /// Whether a peripheral requests the NMI.
     pub fn nmi(&self) -> bool {
-        self.flash.nmi() || self.rcc.nmi()
+        self.flash.nmi() || self.rcc.failed
     }
 
     /// Sets the external level at a pin.

@@ -240,7 +240,7 @@ impl Core {
     }
 
     fn reset_wanted(&self) -> Option<Reset> {
-        if self.nvic.reset_wanted() { Some(Reset::Software) } else { self.chip.reset_wanted() }
+        if self.nvic.reset { Some(Reset::Software) } else { self.chip.reset_wanted() }
     }
 
     fn read(&mut self, address: u32, bytes: usize) -> u32 {
@@ -339,7 +339,8 @@ fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -
 /// The core with its chip.
 pub struct Cpu {
     uc: Unicorn<'static, Core>,
-    faults: Faults,
+    /// What happens when the program faults.
+    pub faults: Faults,
     /// The regions last set in unicorn.
     regions: Vec<Region>,
     /// The hook that sees writes, until the first write to each part is lost.
@@ -407,11 +408,6 @@ impl Cpu {
         map(&mut uc)?;
         hook(&mut uc)?;
         Ok(Self { uc, faults: Faults::default(), regions: Vec::new(), writes: None, accesses: None })
-    }
-
-    /// Sets what happens when the program faults from now on.
-    pub fn set_faults(&mut self, faults: Faults) {
-        self.faults = faults;
     }
 
     /// Counts cycles from now on ([`Core::cycles`]), which about doubles the run time on the host.
@@ -879,7 +875,7 @@ fn before_block(uc: &mut Unicorn<Core>, address: u64, bytes: u32) {
         }
     });
     if block.sends_event {
-        core.nvic.set_event();
+        core.nvic.event = true;
     }
 }
 

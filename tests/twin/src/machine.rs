@@ -162,13 +162,18 @@ impl Default for Options {
 
 /// The board with its firmware.
 pub struct Machine {
-    cpu: Cpu,
-    elf: Elf,
+    /// The core with its interrupt controller.
+    pub cpu: Cpu,
+    /// The image's symbols.
+    pub elf: Elf,
     seed: u64,
-    resets: Vec<(f64, Reset)>,
-    boot0: bool,
-    /// How the boot loader leaves, if the machine simulates it. If none, entering the boot loader ends the run.
-    serves: Option<Left>,
+    /// Time and cause of every start so far, power-on included.
+    pub resets: Vec<(f64, Reset)>,
+    /// Level of BOOT0. It takes effect at the next start if the option bytes select the pin.
+    pub boot0: bool,
+    /// How the boot loader leaves, if the machine simulates it: once entered, it waits for firmware on USB. If none,
+    /// entering the boot loader ends the run.
+    pub serves: Option<Left>,
     /// The boot loader, while it runs.
     rom: Option<BootRom>,
 }
@@ -185,15 +190,15 @@ impl Machine {
         let mut chip = Chip::new(options.board, Box::new(world));
         chip.set_errata(options.errata);
         chip.set_rules(options.rules);
-        for (address, bytes) in elf.segments() {
+        for (address, bytes) in &elf.segments {
             if !chip.flash.load(*address, bytes) {
                 return Err(StartError::Outside { address: *address, len: bytes.len() });
             }
         }
         let mut cpu = Cpu::new(chip)?;
-        cpu.set_faults(options.faults);
+        cpu.faults = options.faults;
         cpu.set_flash_kb(options.flash_kb)?;
-        cpu.core_mut().chip.flash.set_size_kb(options.flash_kb);
+        cpu.core_mut().chip.flash.size_kb = options.flash_kb;
         let mut machine =
             Self { cpu, elf, seed: options.seed, resets: Vec::new(), boot0: false, serves: None, rom: None };
         machine.power_cut()?;
@@ -218,21 +223,6 @@ impl Machine {
     /// The chip, to be changed between runs.
     pub fn chip_mut(&mut self) -> &mut Chip {
         &mut self.cpu.core_mut().chip
-    }
-
-    /// The core with its interrupt controller.
-    pub fn cpu(&self) -> &Cpu {
-        &self.cpu
-    }
-
-    /// The core with its interrupt controller, to be changed between runs.
-    pub fn cpu_mut(&mut self) -> &mut Cpu {
-        &mut self.cpu
-    }
-
-    /// The image's symbols.
-    pub fn elf(&self) -> &Elf {
-        &self.elf
     }
 
     /// Runs until a time in seconds since power-on.
@@ -287,11 +277,6 @@ impl Machine {
         Ended { stop, place, pc_function, lr_function, time_s: self.time_s() }
     }
 
-    /// Makes the boot loader, once entered, wait for firmware on USB and leave in this way.
-    pub fn serve_rom(&mut self, left: Left) {
-        self.serves = Some(left);
-    }
-
     /// Whether the boot loader is running.
     pub fn is_in_rom(&self) -> bool {
         self.rom.is_some()
@@ -304,7 +289,7 @@ impl Machine {
         let now = self.now();
         let Some(mut rom) = self.rom.take() else { return Ok(()) };
         rom.look(self.chip_mut(), now);
-        match self.serves.filter(|_| rom.has_left()) {
+        match self.serves.filter(|_| rom.left) {
             Some(left) => {
                 self.cpu.forget_code()?;
                 self.jump_from_rom(left)
@@ -330,11 +315,6 @@ impl Machine {
             Boot::Rom => self.cpu.enter_rom(),
             Boot::Ram => Err(Stop::Ram),
         }
-    }
-
-    /// Sets the level of BOOT0. It takes effect at the next start if the option bytes select the pin.
-    pub fn set_boot0(&mut self, level: bool) {
-        self.boot0 = level;
     }
 
     /// Resets the chip with the reset button.
@@ -381,11 +361,6 @@ impl Machine {
         Ok(self.restart(Reset::Power)?)
     }
 
-    /// Time and cause of every start so far, power-on included.
-    pub fn resets(&self) -> &[(f64, Reset)] {
-        &self.resets
-    }
-
     /// The core's activity since power was first applied.
     pub fn usage(&self) -> Usage {
         let core = self.cpu.core();
@@ -396,11 +371,6 @@ impl Machine {
             instructions: core.instructions,
             awake: core.cycles(),
         }
-    }
-
-    /// Core frequency set in the registers \[Hz\].
-    pub fn clock_hz(&self) -> f64 {
-        self.chip().clocks.hclk_hz
     }
 
     /// Sends bytes from the computer on the serial link.
@@ -425,11 +395,6 @@ impl Machine {
         let words = self.chip().bytes(end, len)?;
         let untouched = words.chunks_exact(4).take_while(|word| **word == PAINT.to_le_bytes()).count() * 4;
         Some(StackUse { used: len - untouched, available: len })
-    }
-
-    /// A copy of the flash's non-volatile contents.
-    pub fn flash(&self) -> flash::Contents {
-        self.chip().flash.contents()
     }
 }
 

@@ -186,10 +186,12 @@ pub struct Nvic {
     cycle_counter_on: bool,
     /// Cycles by which the cycle counter lags behind the machine's clock.
     cycle_counter_lag: u32,
-    event: bool,
+    /// The event register, which SEV sets.
+    pub event: bool,
     /// What was pending at the last check; anything else that is pending is new.
     seen: u128,
-    reset: bool,
+    /// The program requested a reset.
+    pub reset: bool,
 }
 
 impl Default for Nvic {
@@ -382,19 +384,9 @@ impl Nvic {
         self.active.len()
     }
 
-    /// Sets the event register, as SEV does.
-    pub fn set_event(&mut self) {
-        self.event = true;
-    }
-
     /// Clears the event register, on which WFE waits; returns its previous value.
     pub fn take_event(&mut self) -> bool {
         std::mem::take(&mut self.event)
-    }
-
-    /// Whether the program requested a reset.
-    pub fn reset_wanted(&self) -> bool {
-        self.reset
     }
 
     /// Whether CPACR grants full access to the FPU.
@@ -767,7 +759,7 @@ mod tests {
         let mut nvic = Nvic::default();
         assert!(nvic.write(0xe000_ed0c, 4, Width::Word, 0).is_err(), "without the key");
         write(&mut nvic, 0xd0c, VECTKEY << 16 | SYSRESETREQ);
-        assert!(nvic.reset_wanted());
+        assert!(nvic.reset);
         assert!(!nvic.fpu_is_on());
         write(&mut nvic, CPACR, 0xf << 20);
         assert!(nvic.fpu_is_on());

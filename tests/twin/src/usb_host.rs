@@ -192,7 +192,8 @@ pub struct UsbHost {
     address: u8,
     supplied: bool,
     frames: bool,
-    description: Option<Description>,
+    /// The descriptors of the last enumeration.
+    pub description: Option<Description>,
     pause_s: f64,
     /// Maximum packet size of endpoint 0, from the device descriptor.
     control_packet: usize,
@@ -216,11 +217,6 @@ impl Default for UsbHost {
 }
 
 impl UsbHost {
-    /// The descriptors of the last enumeration.
-    pub fn description(&self) -> Option<&Description> {
-        self.description.as_ref()
-    }
-
     // ---- cable and bus
 
     /// Connects the cable, waits for the device, and resets it.

@@ -10,7 +10,7 @@ use crate::talk::Talk;
 use crate::usb_host::serial::SerialPort;
 use crate::usb_host::{Description, Socket, UsbError, UsbHost};
 use inerter_core::Settings;
-use inerter_wire::{Command, Record, Refusal, Reply};
+use inerter_wire::{Command, Refusal, Reply};
 
 /// Timeout for a reply; saving settings may have to erase a page.
 const REPLY_S: f64 = 2.0;
@@ -158,10 +158,5 @@ impl<S: Socket> UsbLink<S> {
         }
         self.unplug();
         Ok(())
-    }
-
-    /// Returns and removes the records that have arrived.
-    pub fn records(&mut self) -> Vec<Record> {
-        self.talk.records()
     }
 }

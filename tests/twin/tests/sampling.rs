@@ -63,7 +63,7 @@ impl Lab {
         for command in set_up(&settings) {
             lab.order(command)?;
         }
-        lab.link.records();
+        lab.link.talk.records();
         Ok(lab)
     }
 
@@ -81,8 +81,8 @@ impl Lab {
         self.order(Command::Stop)?;
         // Receive what is still in transit.
         self.link.listen(0.2)?;
-        let lost = self.link.talk.lost();
-        Run::of(self.settings, self.link.records(), lost)
+        let lost = self.link.talk.lost;
+        Run::of(self.settings, self.link.talk.records(), lost)
     }
 }
 
@@ -632,20 +632,20 @@ fn a_transfer_that_is_cut_off_ends_before_the_bus_is_switched_off() -> Outcome {
             let now = machine.now();
             machine.chip_mut().dma1.read(0x0C + 0x14 * 4, Width::Word, now).expect("CNDTR5")
         };
-        while left(machine) != 18 - sent || machine.chip().spi2.frame().is_none() {
+        while left(machine) != 18 - sent || machine.chip().spi2.frame.is_none() {
             assert!(machine.time_s() < limit_s, "no transfer");
             machine.run_for(0.2e-6)?;
         }
         // After the receive channel fails, the firmware must stop the SPI at once.
         machine.chip_mut().dma1.fail(4);
         machine.run_for(1e-3)?;
-        assert!(!machine.chip().spi2.busy_stays(), "{sent} bytes received");
+        assert!(!machine.chip().spi2.busy_stays, "{sent} bytes received");
         lab.link.listen(0.5)?;
     }
     let samples = |record: &Record| matches!(record, Record::Samples(_));
-    lab.link.records();
+    lab.link.talk.records();
     lab.link.listen(0.5)?;
-    assert!(lab.link.records().iter().any(samples), "it goes on");
+    assert!(lab.link.talk.records().iter().any(samples), "it goes on");
     Ok(())
 }
 
@@ -775,12 +775,12 @@ fn the_serial_link_brings_the_same() -> Outcome {
     for command in set_up(&settings) {
         link.order(command, REPLY_S)?;
     }
-    link.records();
+    link.talk.records();
     link.order(Command::Start, REPLY_S)?;
     link.listen_until(MOTION_S + 3.0)?;
     link.order(Command::Stop, REPLY_S)?;
     link.listen_until(MOTION_S + 3.2)?;
-    let run = Run::of(settings, link.records(), link.talk.lost())?;
+    let run = Run::of(settings, link.talk.records(), link.talk.lost)?;
     assert_eq!(run.discontinuities(), 0);
     assert!(run.samples.len() > 12_000 && run.agrees_with_core().counters.discontinuities == 0);
     Ok(())

@@ -423,10 +423,6 @@ impl Converter {
         }
     }
 
-    fn dma_request(&self) -> bool {
-        self.isr & (EOC | OVR) == EOC && self.cfgr & DMAEN != 0 && !self.dma_ended
-    }
-
     /// Loads the sequence and refuses settings that have no model.
     fn load_sequence(&mut self) -> Modelled {
         refuse_if(self.cfgr & CFGR_NOT_MODELLED != 0, "ADC_CFGR: mode is not modelled")?;
@@ -461,11 +457,14 @@ pub struct Adcs {
     /// Kernel clock of each block \[Hz\].
     kernel_hz: [f64; 2],
     analogue: Analogue,
-    /// End of the next conversion, and its converter.
-    due: Option<(Cycles, Unit)>,
-    errata: Errata,
-    rules: Rules,
-    broken: Option<(Unit, Broken)>,
+    /// End of the next conversion, and its converter; [`finish`](Self::finish) must be called then.
+    pub due: Option<(Cycles, Unit)>,
+    /// Errata in force.
+    pub errata: Errata,
+    /// How strictly the model treats violations.
+    pub rules: Rules,
+    /// A converter that hangs permanently, and where.
+    pub broken: Option<(Unit, Broken)>,
 }
 
 impl Default for Adcs {
@@ -486,29 +485,9 @@ impl Default for Adcs {
 }
 
 impl Adcs {
-    /// Sets the errata that apply from now on.
-    pub fn set_errata(&mut self, errata: Errata) {
-        self.errata = errata;
-    }
-
-    /// Sets how strictly the model treats violations from now on.
-    pub fn set_rules(&mut self, rules: Rules) {
-        self.rules = rules;
-    }
-
-    /// Makes a converter hang permanently at this point.
-    pub fn break_down(&mut self, unit: Unit, at: Broken) {
-        self.broken = Some((unit, at));
-    }
-
     /// Sets the quality of the conversions from now on and restarts the noise.
     pub fn set_quality(&mut self, quality: Quality) {
         self.analogue = Analogue::new(quality);
-    }
-
-    /// Quality of the conversions.
-    pub fn quality(&self) -> &Quality {
-        &self.analogue.quality
     }
 
     fn unit(&self, unit: Unit) -> &Converter {
@@ -611,11 +590,6 @@ impl Adcs {
         self.due = ends.min_by_key(|(end, _)| *end);
     }
 
-    /// End of the next conversion, and its converter; [`finish`](Self::finish) must be called then.
-    pub fn due(&self) -> Option<(Cycles, Unit)> {
-        self.due
-    }
-
     /// End of `unit`'s conversion in progress.
     pub fn due_of(&self, unit: Unit) -> Option<Cycles> {
         self.unit(unit).conversion.map(|conversion| conversion.end)
@@ -674,7 +648,8 @@ impl Adcs {
 
     /// Whether `unit` requests DMA.
     pub fn dma_request(&self, unit: Unit) -> bool {
-        self.unit(unit).dma_request()
+        let it = self.unit(unit);
+        it.isr & (EOC | OVR) == EOC && it.cfgr & DMAEN != 0 && !it.dma_ended
     }
 
     /// Called at the last transfer of a DMA transfer sequence: in one-shot mode, no request follows.
@@ -950,7 +925,7 @@ mod tests {
         let mut adc = ready(0);
         write(&mut adc, ISR, ADRDY, 10_000);
         start(&mut adc, 10_000);
-        assert!(adc.due().is_some());
+        assert!(adc.due.is_some());
     }
 
     #[test]
@@ -994,16 +969,16 @@ mod tests {
     fn a_trigger_starts_a_conversion_whose_aperture_is_after_latency_and_sampling() {
         let mut adc = ready(TRIGGERED);
         adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
-        assert_eq!(adc.due(), None, "not started");
+        assert_eq!(adc.due, None, "not started");
         start(&mut adc, 20_000);
         adc.trigger(TRIGGER_TIM6 + 1, 21_000).unwrap();
-        assert_eq!(adc.due(), None, "another trigger");
+        assert_eq!(adc.due, None, "another trigger");
         adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
         // Aperture after (2.125 + 24.5) clocks of four cycles, end 12.5 clocks later.
         assert_eq!(adc.looks_at(Unit::One), Ok((Signal::Pin(Pin::new('A', 0)), 30_000 + 107)));
-        assert_eq!(adc.due(), Some((30_000 + 157, Unit::One)));
+        assert_eq!(adc.due, Some((30_000 + 157, Unit::One)));
         adc.trigger(TRIGGER_TIM6, 30_050).unwrap();
-        assert_eq!(adc.due(), Some((30_000 + 157, Unit::One)), "one at a time");
+        assert_eq!(adc.due, Some((30_000 + 157, Unit::One)), "one at a time");
         adc.finish(Unit::One, 1.65).unwrap();
         assert_eq!(read(&mut adc, ISR, 30_157), ADRDY | EOSMP | EOC | EOS);
         assert_eq!(adc.read(DR, Half, 30_157), Ok(2048));
@@ -1015,7 +990,7 @@ mod tests {
     fn codes(ccr: u32, triggers: &[Cycles], errata: Errata) -> Vec<[u16; 2]> {
         let mut adc = Adcs::default();
         adc.set_quality(Quality::IDEAL);
-        adc.set_errata(errata);
+        adc.errata = errata;
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON });
         write(&mut adc, CCR12, ccr, 0);
         for base in [0, 0x100] {
@@ -1029,7 +1004,7 @@ mod tests {
         }
         let mut convert = |at: &Cycles| {
             adc.trigger(TRIGGER_TIM6, *at).unwrap();
-            while let Some((_, unit)) = adc.due() {
+            while let Some((_, unit)) = adc.due {
                 adc.finish(unit, 0.0).unwrap();
             }
             [DR, 0x100 + DR].map(|place| read(&mut adc, place, at + 1000) as u16)
@@ -1058,7 +1033,7 @@ mod tests {
     fn a_converter_disturbs_those_that_started_before_it() {
         for (errata, expected) in [(Errata { adc_concurrent: true, ..Errata::NONE }, 496), (Errata::NONE, 0)] {
             let mut adc = ready(TRIGGERED);
-            adc.set_errata(errata);
+            adc.errata = errata;
             for (at, control) in [(10_000, 0), (10_000, ADVREGEN), (20_000, ADVREGEN | ADEN)] {
                 write(&mut adc, 0x100 + CR, control, at);
             }
@@ -1079,7 +1054,7 @@ mod tests {
     fn the_first_conversion_after_a_pause_is_wrong_by_an_erratum_only() {
         for (errata, off) in [(Errata { adc_after_pause: true, ..Errata::NONE }, 496), (Errata::NONE, 0)] {
             let mut adc = ready(0);
-            adc.set_errata(errata);
+            adc.errata = errata;
             let mut convert = |at: Cycles| {
                 start(&mut adc, at);
                 adc.finish(Unit::One, 0.0).unwrap();
@@ -1097,7 +1072,7 @@ mod tests {
             // Stopped by software, then by the last transfer of a one-shot DMA.
             for by_dma in [false, true] {
                 let mut adc = ready(TRIGGERED | if by_dma { DMAEN } else { 0 });
-                adc.set_errata(errata);
+                adc.errata = errata;
                 let convert = |adc: &mut Adcs, at: Cycles| {
                     adc.trigger(TRIGGER_TIM6, at).unwrap();
                     adc.finish(Unit::One, volts).unwrap();
@@ -1146,10 +1121,10 @@ mod tests {
         start(&mut adc, 20_000);
         adc.set_clocks(&Clocks { adc12_hz: 0.0, ..clocks });
         adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
-        assert_eq!(adc.due(), None);
+        assert_eq!(adc.due, None);
         adc.set_clocks(&clocks);
         adc.trigger(TRIGGER_TIM6, 40_000).unwrap();
-        assert!(adc.due().is_some());
+        assert!(adc.due.is_some());
     }
 
     #[test]
@@ -1157,14 +1132,14 @@ mod tests {
         let mut adc = ready(0);
         write(&mut adc, SQR1, 1 | 1 << 6 | 2 << 12, 10_000);
         start(&mut adc, 20_000);
-        assert_eq!(adc.due(), Some((20_000 + 37 * 4, Unit::One)));
+        assert_eq!(adc.due, Some((20_000 + 37 * 4, Unit::One)));
         adc.finish(Unit::One, 0.1).unwrap();
         assert_eq!(read(&mut adc, ISR, 20_148) & (EOC | EOS), EOC);
         assert_eq!(adc.looks_at(Unit::One).unwrap().0, Signal::Pin(Pin::new('A', 1)));
         read(&mut adc, DR, 20_148);
         adc.finish(Unit::One, 0.2).unwrap();
         assert_eq!(read(&mut adc, ISR, 20_400) & (EOC | EOS | OVR), EOC | EOS);
-        assert_eq!((adc.due(), read(&mut adc, CR, 20_400) & ADSTART), (None, 0));
+        assert_eq!((adc.due, read(&mut adc, CR, 20_400) & ADSTART), (None, 0));
     }
 
     #[test]
@@ -1250,7 +1225,7 @@ mod tests {
         adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
         assert!(refuses(&mut adc, CR, ADVREGEN | ADDIS, 20_010));
         write(&mut adc, CR, ADVREGEN | ADSTP, 20_010);
-        assert_eq!((adc.due(), read(&mut adc, CR, 20_010) & ADSTART), (None, 0));
+        assert_eq!((adc.due, read(&mut adc, CR, 20_010) & ADSTART), (None, 0));
         write(&mut adc, CR, ADVREGEN | ADDIS, 20_020);
         assert_eq!(read(&mut adc, CR, 20_020), ADVREGEN);
         assert_eq!(read(&mut adc, ISR, 20_020) & ADRDY, 0);

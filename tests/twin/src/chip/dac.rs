@@ -69,18 +69,15 @@ pub struct Dac {
     holding: u32,
     output: u32,
     underrun: bool,
-    request: bool,
+    /// It requests DMA.
+    pub request: bool,
     hclk_hz: f64,
-    quality: Quality,
+    /// Quality of the output.
+    pub quality: Quality,
     changes: VecDeque<Change>,
 }
 
 impl Dac {
-    /// Sets the quality of the output from now on.
-    pub fn set_quality(&mut self, quality: Quality) {
-        self.quality = quality;
-    }
-
     /// Processes a timer's trigger.
     pub fn trigger(&mut self, number: u32, now: Cycles) {
         if self.cr & (EN | TEN) != EN | TEN || (self.cr & TSEL) >> 2 != number {
@@ -92,16 +89,6 @@ impl Dac {
             self.underrun = self.request;
             self.request = !self.underrun;
         }
-    }
-
-    /// Whether it requests DMA.
-    pub fn dma_request(&self) -> bool {
-        self.request
-    }
-
-    /// Clears the DMA request after the transfer.
-    pub fn dma_acknowledge(&mut self) {
-        self.request = false;
     }
 
     /// Level of the interrupt request.
@@ -203,7 +190,7 @@ mod tests {
     fn dac(control: u32) -> Dac {
         let mut dac = Dac::default();
         dac.set_clocks(&Clocks { hclk_hz: HCLK_HZ, ..Clocks::POWER_ON });
-        dac.set_quality(Quality { gain: 1.0, offset_v: 0.0, settling_s: 1e-6 });
+        dac.quality = Quality { gain: 1.0, offset_v: 0.0, settling_s: 1e-6 };
         write(&mut dac, 0x3C, 2 << 14, 0);
         write(&mut dac, 0x08, 2048, 0);
         write(&mut dac, 0x00, control, 0);
@@ -238,15 +225,15 @@ mod tests {
         let mut dac = dac(EN | TEN | TRIGGER_TIM7 << 2 | DMAEN | DMAUDRIE);
         write(&mut dac, 0x08, 100, 10);
         dac.trigger(TRIGGER_TIM7 + 1, 20);
-        assert_eq!((dac.output, dac.dma_request()), (2048, false));
+        assert_eq!((dac.output, dac.request), (2048, false));
         dac.trigger(TRIGGER_TIM7, 30);
-        assert_eq!((dac.output, dac.dma_request()), (100, true));
-        dac.dma_acknowledge();
+        assert_eq!((dac.output, dac.request), (100, true));
+        dac.request = false;
         dac.trigger(TRIGGER_TIM7, 40);
-        assert!(dac.dma_request() && !dac.irq());
+        assert!(dac.request && !dac.irq());
         // No transfer follows.
         dac.trigger(TRIGGER_TIM7, 50);
-        assert!(dac.irq() && !dac.dma_request());
+        assert!(dac.irq() && !dac.request);
         write(&mut dac, 0x34, DMAUDR, 60);
         assert!(!dac.irq());
     }

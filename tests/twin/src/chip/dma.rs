@@ -123,7 +123,8 @@ impl Channel {
 #[derive(Clone, Debug)]
 pub struct Dma {
     channels: [Channel; CHANNELS],
-    errata: Errata,
+    /// Errata in force.
+    pub errata: Errata,
     /// The channel that is denied the bus, and until when.
     stall: Option<(usize, Cycles)>,
     /// The channel whose transfers all fail.
@@ -137,11 +138,6 @@ impl Default for Dma {
 }
 
 impl Dma {
-    /// Sets the errata that apply from now on.
-    pub fn set_errata(&mut self, errata: Errata) {
-        self.errata = errata;
-    }
-
     /// The transfer that the channel would do on a request; none if it is disabled, has completed, or is stalled.
     pub fn transfer(&self, channel: usize) -> Modelled<Option<Transfer>> {
         let Some(it) = self.channels.get(channel) else { return Ok(None) };
@@ -365,7 +361,7 @@ mod tests {
     #[test]
     fn all_flags_of_a_channel_are_cleared_at_once_only_while_it_is_off() {
         let mut dma = ring(2, HALVES);
-        dma.set_errata(Errata::ALL);
+        dma.errata = Errata::ALL;
         assert!(refuses(&mut dma, IFCR, flag::GLOBAL << 4, 0));
         assert_eq!(dma.write(IFCR, flag::ALL << 4, Word, 0), Ok(()));
         dma.fail(CHANNEL);

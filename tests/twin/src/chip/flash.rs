@@ -165,11 +165,12 @@ pub struct Flash {
     control: u32,
     ecc: u32,
     /// The flash size that the chip reports.
-    size_kb: u16,
-    /// Operations never end.
-    hangs: bool,
-    /// Delay from a double-bit error to its NMI; 0 for none.
-    nmi_delay: Cycles,
+    pub size_kb: u16,
+    /// Operations started from now on never end.
+    pub hangs: bool,
+    /// Delay from a double-bit error to its NMI; 0 for none. A delayed NMI comes even if software has cleared the flag.
+    /// We found no document on how soon the NMI comes.
+    pub nmi_delay: Cycles,
     nmi_due: Option<Cycles>,
     /// The NMI request of a delayed error is active.
     nmi_late: bool,
@@ -184,15 +185,18 @@ pub struct Flash {
     stale: bool,
     /// Indices of the double words with an ECC error that the data cache holds.
     cached: BTreeSet<usize>,
-    errata: Errata,
-    rules: Rules,
+    /// Errata in force.
+    pub errata: Errata,
+    /// How strictly the model treats violations.
+    pub rules: Rules,
     cut: Option<Cut>,
     cut_at: Option<Cycles>,
     hclk_hz: f64,
     noise: u64,
     /// Cycles that the core must still wait.
     stall: Cycles,
-    launch: bool,
+    /// Software requested an option byte load, which resets the chip.
+    pub launch: bool,
     /// Double words programmed since the model was created.
     pub programmed: u64,
     /// Pages erased since the model was created.
@@ -284,11 +288,6 @@ impl Flash {
         self.cut = Some(Cut { left: operations, torn });
     }
 
-    /// Makes operations started from now on hang.
-    pub fn hang(&mut self) {
-        self.hangs = true;
-    }
-
     /// Cancels the power failure.
     pub fn keep_power(&mut self) {
         self.cut = None;
@@ -298,16 +297,6 @@ impl Flash {
     /// Whether the power failure is due.
     pub fn power_fails(&self, now: Cycles) -> bool {
         self.cut_at.is_some_and(|at| at <= now)
-    }
-
-    /// Sets the errata that apply from now on.
-    pub fn set_errata(&mut self, errata: Errata) {
-        self.errata = errata;
-    }
-
-    /// Sets how strictly the model treats violations from now on.
-    pub fn set_rules(&mut self, rules: Rules) {
-        self.rules = rules;
     }
 
     /// The wait states that are set (FLASH_ACR.LATENCY).
@@ -402,11 +391,6 @@ impl Flash {
         let size = (rom::FLASH_KB_AT - rom::START) as usize;
         system[size..size + 2].copy_from_slice(&self.size_kb.to_le_bytes());
         within(OPTION_BYTES, &option_bytes).or_else(|| within(rom::START, &system))
-    }
-
-    /// Sets the flash size that the chip reports \[KB\].
-    pub fn set_size_kb(&mut self, kb: u16) {
-        self.size_kb = kb;
     }
 
     /// Power fails: an operation in progress is torn.
@@ -531,11 +515,6 @@ impl Flash {
         std::mem::take(&mut self.stall)
     }
 
-    /// Whether software requested an option byte load, which resets the chip.
-    pub fn launches(&self) -> bool {
-        self.launch
-    }
-
     /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
         self.status & EOP != 0 && self.control & EOPIE != 0 || self.status & OPERR != 0 && self.control & ERRIE != 0
@@ -544,12 +523,6 @@ impl Flash {
     /// Whether a double-bit error requests the NMI.
     pub fn nmi(&self) -> bool {
         if self.nmi_delay == 0 { self.ecc & ECCD != 0 } else { self.nmi_late }
-    }
-
-    /// Delays the NMI of a double-bit error by this many cycles. It then comes even if software has cleared the flag.
-    /// We found no document on how soon the NMI comes.
-    pub fn delay_nmi(&mut self, cycles: Cycles) {
-        self.nmi_delay = cycles;
     }
 
     /// The core reads bank 2.
@@ -910,7 +883,7 @@ mod tests {
             (Errata::NONE, BK_ECC | 0x3_c008),
         ] {
             let mut flash = unlocked();
-            flash.set_errata(errata);
+            flash.errata = errata;
             flash.cut_power_after(0, Torn::Between);
             program(&mut flash, SETTINGS + 8, [1, 2], 0);
             flash.lose_power();
@@ -923,7 +896,7 @@ mod tests {
     fn a_write_with_the_data_cache_on_is_an_erratum() {
         for (errata, is_refused) in [(Errata { data_cache: true, ..Errata::NONE }, true), (Errata::NONE, false)] {
             let mut flash = unlocked();
-            flash.set_errata(errata);
+            flash.errata = errata;
             let write_word = |flash: &mut Flash| {
                 write(flash, CR, PG, 0);
                 let low = flash.write_memory(SETTINGS, 1, Word, 0);
@@ -932,12 +905,12 @@ mod tests {
             write(&mut flash, ACR, 0x600, 0);
             assert_eq!(write_word(&mut flash).is_err(), is_refused);
             let mut flash = unlocked();
-            flash.set_errata(errata);
+            flash.errata = errata;
             write(&mut flash, ACR, 0x200, 0);
             assert_eq!(write_word(&mut flash), Ok(()));
             let erase = PER | BKER | 120 << 3 | STRT;
             let mut flash = unlocked();
-            flash.set_errata(errata);
+            flash.errata = errata;
             write(&mut flash, ACR, 0x600, 0);
             assert_eq!(refuses(&mut flash, CR, erase, 0), is_refused);
         }
@@ -984,7 +957,7 @@ mod tests {
         let end = 2 * ERASE;
         assert_eq!(read(&mut flash, SR, end), 0);
         write(&mut flash, CR, OBL_LAUNCH, end);
-        assert!(flash.launches());
+        assert!(flash.launch);
         flash.reset(end);
         assert_eq!(flash.brown_out_level(), 4);
         assert_eq!(flash.contents().options, OPTIONS_DELIVERED | 4 << 8);

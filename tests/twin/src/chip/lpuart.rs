@@ -41,7 +41,7 @@ pub struct Lpuart {
     clock_hz: f64,
     hclk_hz: f64,
     /// Baud rate of the remote end \[bit/s\].
-    far_baud: f64,
+    pub far_baud: f64,
     /// Byte in the shift register, and the end of its last bit.
     shifting: Option<(u8, Cycles)>,
     transmit: VecDeque<u8>,
@@ -78,11 +78,6 @@ impl Default for Lpuart {
 }
 
 impl Lpuart {
-    /// Sets the baud rate of the remote end \[bit/s\].
-    pub fn set_far_baud(&mut self, baud: f64) {
-        self.far_baud = baud;
-    }
-
     /// Sends bytes from the remote end.
     pub fn send(&mut self, bytes: &[u8], now: Cycles) {
         if self.arriving.is_empty() {
@@ -301,7 +296,7 @@ mod tests {
     /// 1 Mbit/s at 16 MHz: a byte takes 160 cycles.
     fn running(cr1: u32) -> Lpuart {
         let mut uart = Lpuart::default();
-        uart.set_far_baud(1e6);
+        uart.far_baud = 1e6;
         write(&mut uart, BRR, 4096, 0);
         write(&mut uart, CR1, UE | RE | TE | cr1, 0);
         uart
@@ -352,7 +347,7 @@ mod tests {
     #[test]
     fn ends_that_disagree_about_the_rate() {
         let mut uart = running(0);
-        uart.set_far_baud(115_200.0);
+        uart.far_baud = 115_200.0;
         uart.send(b"x", 0);
         uart.advance(10_000);
         assert_eq!(read(&mut uart, ISR, 10_000) & FE, FE);

@@ -74,7 +74,7 @@ impl Chip {
             return None;
         }
         let own = [self.tim6.next_event(), self.tim7.next_event(), self.adc.next_event(), self.spi2.next_event()];
-        let edges = self.ads131m04.as_ref().and_then(|ads| ads.due());
+        let edges = self.ads131m04.as_ref().and_then(|ads| ads.due);
         let stalls = [self.dma1.next_event(), self.dma2.next_event(), edges];
         let converters = Unit::ALL.into_iter().filter(|unit| self.adc.interrupts_each(*unit));
         let triggers = converters.filter_map(|_| self.tim6.next_update());
@@ -123,9 +123,9 @@ impl Chip {
             self.tim6.next_update(),
             self.tim7.next_update(),
             self.late.front().map(|(at, _)| *at),
-            self.adc.due().map(|(end, _)| end),
+            self.adc.due.map(|(end, _)| end),
             self.spi2.due(),
-            self.ads131m04.as_ref().and_then(|ads| ads.due()),
+            self.ads131m04.as_ref().and_then(|ads| ads.due),
             self.dma1.next_event(),
             self.dma2.next_event(),
         ];
@@ -154,13 +154,13 @@ impl Chip {
                 self.dac.iter_mut().for_each(|dac| dac.trigger(TRIGGER_TIM7, at));
             }
         }
-        while let Some((_, unit)) = self.adc.due().filter(|(end, _)| *end <= at) {
+        while let Some((_, unit)) = self.adc.due.filter(|(end, _)| *end <= at) {
             let (signal, aperture) = self.adc.looks_at(unit)?;
             let volts = self.volts(signal, aperture)?;
             self.adc.finish(unit, volts)?;
             self.serve_dma(at);
         }
-        if let Some(frame) = self.spi2.frame().filter(|_| self.spi2.due() == Some(at)) {
+        if let Some(frame) = self.spi2.frame.filter(|_| self.spi2.due() == Some(at)) {
             let answer = self.exchange(frame)?;
             self.spi2.finish(answer);
         }
@@ -207,10 +207,10 @@ impl Chip {
     /// Ends the digital front end's conversion if it is due: DRDY falls, which latches the encoder count.
     fn convert(&mut self, at: Cycles) -> Modelled {
         let clocks = self.clocks;
-        let Some(ads) = self.ads131m04.as_mut().filter(|ads| ads.due() == Some(at)) else { return Ok(()) };
+        let Some(ads) = self.ads131m04.as_mut().filter(|ads| ads.due == Some(at)) else { return Ok(()) };
         ads.check_clock(clocks.hclk_hz)?;
         ads.convert(at, |cycles| clocks.seconds(cycles), self.world.as_mut());
-        let ready = !ads.drdy();
+        let ready = !ads.chip.drdy();
         self.latch_encoder(at);
         if ready {
             // If the last conversion was not read, DRDY goes high briefly.
@@ -229,7 +229,7 @@ impl Chip {
             Inputs { cs: self.pin_output(CS), reset: self.pin_output(RESET), clkin_cycles: self.clkin_cycles() };
         if let Some(ads) = &mut self.ads131m04 {
             ads.follow(inputs, now);
-            let drdy = ads.drdy();
+            let drdy = ads.chip.drdy();
             self.set_pin(DRDY, drdy, now);
         }
     }
@@ -294,10 +294,10 @@ impl Chip {
 
     fn is_requested(&self, request: Request) -> bool {
         match request {
-            Request::Tim6Update => self.tim6.dma_request(),
-            Request::Tim7Update => self.tim7.dma_request(),
-            Request::Dac1 => self.dac[0].dma_request(),
-            Request::Dac2 => self.dac[1].dma_request(),
+            Request::Tim6Update => self.tim6.dma_request,
+            Request::Tim7Update => self.tim7.dma_request,
+            Request::Dac1 => self.dac[0].request,
+            Request::Dac2 => self.dac[1].request,
             Request::Adc1 => self.adc.dma_request(Unit::One),
             Request::Adc2 => self.adc.dma_request(Unit::Two),
             Request::Adc3 => self.adc.dma_request(Unit::Three),
@@ -338,10 +338,10 @@ impl Chip {
     /// Clears a served request. Reading the result clears an ADC's request.
     fn forget(&mut self, request: Request) {
         match request {
-            Request::Tim6Update => self.tim6.dma_acknowledge(),
-            Request::Tim7Update => self.tim7.dma_acknowledge(),
-            Request::Dac1 => self.dac[0].dma_acknowledge(),
-            Request::Dac2 => self.dac[1].dma_acknowledge(),
+            Request::Tim6Update => self.tim6.dma_request = false,
+            Request::Tim7Update => self.tim7.dma_request = false,
+            Request::Dac1 => self.dac[0].request = false,
+            Request::Dac2 => self.dac[1].request = false,
             _ => {}
         }
     }

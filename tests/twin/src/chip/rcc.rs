@@ -110,11 +110,14 @@ pub struct Rcc {
     hsi48_ready: Option<Cycles>,
     lsi_ready: Option<Cycles>,
     causes: u32,
-    failed: bool,
+    /// The crystal has failed, which requests the NMI.
+    pub failed: bool,
     /// When the system clock last rose above [`STEP_HZ`].
     stepped: Cycles,
-    errata: Errata,
-    rules: Rules,
+    /// Errata in force.
+    pub errata: Errata,
+    /// How strictly the model treats violations.
+    pub rules: Rules,
     /// The system clock in use (SWS), if the selected one (SW) is not ready yet.
     still: Option<u32>,
 }
@@ -165,11 +168,6 @@ impl Rcc {
         }
     }
 
-    /// Sets how strictly the model treats violations from now on.
-    pub fn set_rules(&mut self, rules: Rules) {
-        self.rules = rules;
-    }
-
     /// The system clock in use (SWS).
     fn in_use(&self) -> u32 {
         self.still.unwrap_or(self.storage[CFGR] & 3)
@@ -194,11 +192,6 @@ impl Rcc {
             self.still = None;
         }
         ready
-    }
-
-    /// Sets the errata that apply from now on.
-    pub fn set_errata(&mut self, errata: Errata) {
-        self.errata = errata;
     }
 
     /// Removes the supply and the battery, so the backup domain is lost too.
@@ -230,16 +223,6 @@ impl Rcc {
             self.still = None;
             self.storage[CFGR] = self.storage[CFGR] & !3 | 1;
         }
-    }
-
-    /// Whether a crystal failure requests the NMI.
-    pub fn nmi(&self) -> bool {
-        self.failed
-    }
-
-    /// CCIPR: clock source selections of the peripherals.
-    pub fn ccipr(&self) -> u32 {
-        self.storage[CCIPR]
     }
 
     /// Adds the flags of a reset cause; a power-on reset clears earlier flags.
@@ -295,7 +278,7 @@ impl Rcc {
         };
         let ((pclk1_hz, timer1), (pclk2_hz, timer2)) = (bus(8), bus(11));
         let [p, q, _] = self.pll().2;
-        let ccipr = self.ccipr();
+        let ccipr = self.storage[CCIPR];
         let usb_hz = match ccipr >> 26 & 3 {
             0 if self.storage[CRRCR] & 1 != 0 => HSI48_HZ,
             2 => q,
@@ -539,18 +522,18 @@ mod tests {
         let mut rcc = at_168_mhz();
         write(&mut rcc, CR, HSION | HSEON | CSSON | PLLON, 40_000);
         rcc.break_crystal(45_000);
-        assert!(rcc.nmi());
+        assert!(rcc.failed);
         assert_eq!((read(&mut rcc, CIFR, 50_000), read(&mut rcc, CR, 50_000) & (HSERDY | PLLRDY)), (CSSF, 0));
         assert_eq!(rcc.clocks(50_000, 0.003).hclk_hz, 16e6);
         write(&mut rcc, CICR, CSSF, 50_000);
-        assert!(!rcc.nmi());
+        assert!(!rcc.failed);
     }
 
     #[test]
     fn the_rtc_takes_the_lsi_from_the_watchdog_by_an_erratum_only() {
         for (errata, is_refused) in [(Errata { lsi_with_rtc: true, ..Errata::NONE }, true), (Errata::NONE, false)] {
             let mut rcc = Rcc::new(24e6);
-            rcc.set_errata(errata);
+            rcc.errata = errata;
             assert_eq!(refuses(&mut rcc, BDCR, RTC_ON_LSI, 0), is_refused);
             assert_eq!(rcc.write(BDCR, 2 << 8, Width::Word, 0), Ok(()), "chosen, and off");
         }

@@ -47,10 +47,13 @@ pub struct Spi {
     overrun_read: bool,
     transmit: VecDeque<u8>,
     receive: VecDeque<u8>,
-    frame: Option<Frame>,
-    /// BSY stays set because the SPI was disabled with something left to send (ES0430 2.18.1).
-    busy_stays: bool,
-    errata: Errata,
+    /// The frame in progress.
+    pub frame: Option<Frame>,
+    /// BSY stays set, until the peripheral is reset, because the SPI was disabled with something left to send (ES0430
+    /// 2.18.1).
+    pub busy_stays: bool,
+    /// Errata in force.
+    pub errata: Errata,
     /// Core cycles per APB clock.
     divider: u64,
     /// CRCPR, RXCRCR, TXCRCR, I2SCFGR, I2SPR.
@@ -128,11 +131,6 @@ impl Spi {
         self.receive.len() >= if self.cr2 & FRXTH != 0 { 1 } else { 2 }
     }
 
-    /// Sets the errata that apply from now on.
-    pub fn set_errata(&mut self, errata: Errata) {
-        self.errata = errata;
-    }
-
     fn status(&self) -> u32 {
         let level = |fifo: &VecDeque<u8>| fifo.len().min(3) as u32;
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
@@ -143,11 +141,6 @@ impl Spi {
             | flag(busy, BSY)
             | level(&self.receive) << 9
             | level(&self.transmit) << 11
-    }
-
-    /// The frame in progress.
-    pub fn frame(&self) -> Option<Frame> {
-        self.frame
     }
 
     /// End of the frame in progress; [`finish`](Self::finish) must be called then.
@@ -198,11 +191,6 @@ impl Spi {
     /// Whether each frame may raise the interrupt request.
     pub fn interrupts_each(&self) -> bool {
         self.cr2 & (TXEIE | RXNEIE | ERRIE) != 0
-    }
-
-    /// Whether BSY stays set because of the erratum, until the peripheral is reset.
-    pub fn busy_stays(&self) -> bool {
-        self.busy_stays
     }
 
     fn write_control(&mut self, value: u32, now: Cycles) -> Modelled {
@@ -344,14 +332,14 @@ mod tests {
     fn the_busy_flag_stays_where_it_was_switched_off_with_something_to_send() {
         let busy = |errata: Errata, frames: usize, ended: usize| {
             let mut spi = master();
-            spi.set_errata(errata);
+            spi.errata = errata;
             (0..frames).for_each(|_| write(&mut spi, DR, 0x11, Byte));
             (0..ended).for_each(|_| spi.finish(0));
             let cr1 = read(&mut spi, 0, Word);
             write(&mut spi, 0, cr1 & !SPE, Word);
-            let stays = spi.busy_stays();
+            let stays = spi.busy_stays;
             spi.reset(0);
-            assert!(!spi.busy_stays());
+            assert!(!spi.busy_stays);
             stays
         };
         let only = Errata { spi_busy_stays: true, ..Errata::NONE };
@@ -369,7 +357,7 @@ mod tests {
         }
         // One frame in the shift register, two in the FIFO.
         assert_eq!(levels(&mut spi), (0, 2));
-        assert_eq!(spi.frame(), Some(Frame { data: 0x11, bits: 8, end: 64 }));
+        assert_eq!(spi.frame, Some(Frame { data: 0x11, bits: 8, end: 64 }));
         assert_ne!(read(&mut spi, 0x08, Word) & BSY, 0);
         for (answer, end) in [(0xA1, 128), (0xA2, 192)] {
             spi.finish(answer);
@@ -386,9 +374,9 @@ mod tests {
     fn a_half_word_holds_two_bytes() {
         let mut spi = master();
         write(&mut spi, DR, 0x2211, Half);
-        assert_eq!(spi.frame().unwrap().data, 0x11);
+        assert_eq!(spi.frame.unwrap().data, 0x11);
         spi.finish(0xA1);
-        assert_eq!(spi.frame().unwrap().data, 0x22);
+        assert_eq!(spi.frame.unwrap().data, 0x22);
         spi.finish(0xA2);
         assert_eq!(read(&mut spi, DR, Half), 0xA2A1);
     }
@@ -399,7 +387,7 @@ mod tests {
         write(&mut spi, 0x04, 15 << 8, Word);
         write(&mut spi, 0x00, MSTR | SSM | SSI | SPE, Word);
         write(&mut spi, DR, 0xBEEF, Half);
-        assert_eq!((spi.frame().unwrap().data, spi.frame().unwrap().bits, spi.due()), (0xBEEF, 16, Some(32)));
+        assert_eq!((spi.frame.unwrap().data, spi.frame.unwrap().bits, spi.due()), (0xBEEF, 16, Some(32)));
         spi.finish(0x1234);
         assert!(read(&mut spi, 0x08, Half) & RXNE != 0);
         assert_eq!(read(&mut spi, DR, Half), 0x1234);

@@ -87,7 +87,8 @@ pub struct Tim {
     kind: Kind,
     storage: Storage,
     flags: u32,
-    count: u32,
+    /// The counter value.
+    pub count: u32,
     /// Active prescaler and period (shadow registers), which an update loads from the registers.
     prescaler: u32,
     period: u32,
@@ -281,11 +282,6 @@ impl Tim {
     fn update(&mut self) {
         self.prescaler = self.storage[PSC];
         self.period = self.storage[ARR];
-    }
-
-    /// The counter value.
-    pub fn count(&self) -> u32 {
-        self.count
     }
 
     /// Sets the position of the external encoder in edges (four per period, wrapping).
@@ -589,7 +585,7 @@ mod tests {
         tim.set_encoder(999);
         assert_eq!(read(&mut tim, CNT, 10_000), 8, "a written count holds, and no clock moves it");
         tim.set_encoder(999u32.wrapping_add(u32::MAX));
-        assert_eq!(tim.count(), 7, "the encoder's own wrap is one step back");
+        assert_eq!(tim.count, 7, "the encoder's own wrap is one step back");
     }
 
     #[test]
@@ -598,12 +594,12 @@ mod tests {
         write(&mut tim, SMCR, 1, 0);
         write(&mut tim, CR1, CEN, 0);
         tim.set_encoder(3);
-        assert_eq!(tim.count(), 1);
+        assert_eq!(tim.count, 1);
         tim.set_encoder(4);
-        assert_eq!(tim.count(), 2);
+        assert_eq!(tim.count, 2);
         write(&mut tim, CCER, 1 << 1, 0);
         tim.set_encoder(6);
-        assert_eq!(tim.count(), 1);
+        assert_eq!(tim.count, 1);
     }
 
     #[test]

@@ -52,7 +52,8 @@ pub struct Tim6 {
     standing: u32,
     /// Core cycles per timer clock.
     divider: u64,
-    dma_request: bool,
+    /// An update requests DMA.
+    pub dma_request: bool,
     /// The trigger output has a pulse that the program caused by software.
     software_trigger: bool,
 }
@@ -124,24 +125,9 @@ impl Tim6 {
         std::mem::take(&mut self.software_trigger)
     }
 
-    /// Whether an update requests DMA.
-    pub fn dma_request(&self) -> bool {
-        self.dma_request
-    }
-
-    /// Clears the DMA request after the transfer.
-    pub fn dma_acknowledge(&mut self) {
-        self.dma_request = false;
-    }
-
     /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
         self.sr & self.dier & UIE != 0
-    }
-
-    /// Whether each update may raise the interrupt request.
-    pub fn interrupts_each(&self) -> bool {
-        self.dier & UIE != 0
     }
 
     fn set_counter(&mut self, value: u32, now: Cycles) {
@@ -219,7 +205,7 @@ impl Registers for Tim6 {
 
     /// The next update, if it may raise the interrupt request.
     fn next_event(&self) -> Option<Cycles> {
-        self.next_update().filter(|_| self.interrupts_each())
+        self.next_update().filter(|_| self.dier & UIE != 0)
     }
 
     fn reset(&mut self, _: Cycles) {
@@ -254,8 +240,8 @@ mod tests {
         for n in 1..5 {
             assert_eq!(timer.next_update(), Some(100 + 2625 * n));
             assert_eq!(timer.update(), Outcome { trigger: true });
-            assert!(timer.dma_request() && !timer.irq());
-            timer.dma_acknowledge();
+            assert!(timer.dma_request && !timer.irq());
+            timer.dma_request = false;
         }
         assert_eq!(timer.read(0x24, Width::Word, 100 + 2625 * 4 + 7), Ok(7));
         assert_eq!(timer.read(0x10, Width::Word, 0), Ok(1));
@@ -296,11 +282,11 @@ mod tests {
         write(&mut timer, 0x00, CEN | URS, 100);
         write(&mut timer, 0x14, 1, 150);
         assert!(timer.take_trigger() && !timer.take_trigger());
-        assert!(!timer.dma_request());
+        assert!(!timer.dma_request);
         assert_eq!((timer.sr, timer.next_update()), (0, Some(150 + 2625)));
         write(&mut timer, 0x00, CEN, 150);
         write(&mut timer, 0x14, 1, 160);
-        assert!(timer.dma_request() && timer.sr == 1);
+        assert!(timer.dma_request && timer.sr == 1);
     }
 
     #[test]
@@ -309,7 +295,7 @@ mod tests {
         write(&mut timer, 0x0C, UDE | UIE, 100);
         write(&mut timer, 0x00, CEN | UDIS, 100);
         assert_eq!(timer.update(), Outcome::default());
-        assert!(!timer.dma_request() && !timer.irq());
+        assert!(!timer.dma_request && !timer.irq());
         assert_eq!(timer.next_update(), Some(100 + 2 * 2625));
         write(&mut timer, 0x00, CEN, 100 + 2625);
         timer.update();

@@ -30,7 +30,7 @@ pub struct SerialPort {
 impl SerialPort {
     /// Opens the port of an enumerated device: 115200 baud 8N1, DTR and RTS set.
     pub fn open(host: &mut UsbHost, socket: &mut impl Socket) -> Result<Self, UsbError> {
-        let (to_device, to_host) = host.description().ok_or(UsbError::Detached)?.serial_endpoints()?;
+        let (to_device, to_host) = host.description.as_ref().ok_or(UsbError::Detached)?.serial_endpoints()?;
         let reads = (0..READS).map(|_| host.submit(Transfer::In(to_host, READ_BYTES))).collect();
         let port = Self { to_device, to_host, reads, received: Vec::new() };
         set_line_coding(host, socket, 115_200)?;
