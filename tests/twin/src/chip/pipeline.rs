@@ -62,24 +62,23 @@ impl Chip {
                 return;
             }
             if let Err(unknown) = self.step(at) {
-                self.fault("signal path", unknown);
+                self.fault("signal path", 0, unknown);
             }
         }
         self.adc.advance(now);
     }
 
-    /// Earliest time at which the signal path may raise an interrupt request; it may turn out too early.
+    /// Earliest time at which the signal path may raise an interrupt request, beside the events of its models; it may turn
+    /// out too early.
     pub(crate) fn pipeline_next_event(&self) -> Option<Cycles> {
         if self.path_fault.is_some() {
             return None;
         }
-        let own = [self.tim6.next_event(), self.tim7.next_event(), self.adc.next_event(), self.spi2.next_event()];
         let edges = self.ads131m04.as_ref().and_then(|ads| ads.due);
-        let stalls = [self.dma1.next_event(), self.dma2.next_event(), edges];
         let converters = Unit::ALL.into_iter().filter(|unit| self.adc.interrupts_each(*unit));
         let triggers = converters.filter_map(|_| self.tim6.next_update());
         let channels = (0..2 * CHANNELS).filter_map(|channel| self.next_interrupt(channel));
-        own.into_iter().chain(stalls).flatten().chain(triggers).chain(channels).min()
+        edges.into_iter().chain(triggers).chain(channels).min()
     }
 
     /// Earliest time at which the channel may raise its interrupt request.
@@ -286,7 +285,7 @@ impl Chip {
         if self.tim6.take_trigger()
             && let Err(unknown) = self.adc.trigger(TRIGGER_TIM6, now)
         {
-            self.fault("ADC", unknown);
+            self.fault("ADC", 0, unknown);
         }
         self.follow_pins(now);
         while self.path_fault.is_none() && Request::ALL.into_iter().any(|request| self.serve(request, now)) {}
@@ -329,7 +328,7 @@ impl Chip {
                     self.acknowledge(request, channel);
                     return true;
                 }
-                Err(unknown) => self.fault("DMA", unknown),
+                Err(unknown) => self.fault("DMA", 0, unknown),
             }
         }
         false
@@ -396,15 +395,10 @@ impl Chip {
         if channel < CHANNELS { &mut self.dma1 } else { &mut self.dma2 }
     }
 
-    fn fault(&mut self, peripheral: &'static str, Unknown { what }: Unknown) {
-        self.path_fault.get_or_insert(BadAccess {
-            address: 0,
-            peripheral,
-            offset: 0,
-            width: Width::Word,
-            value: None,
-            what,
-        });
+    /// Stops the path at a fault with the register at this address, or 0 for none.
+    pub(super) fn fault(&mut self, peripheral: &'static str, address: u32, Unknown { what }: Unknown) {
+        let (offset, width) = (address & 0x3ff, Width::Word);
+        self.path_fault.get_or_insert(BadAccess { address, peripheral, offset, width, value: None, what });
     }
 }
 

@@ -182,14 +182,9 @@ impl Default for Usb {
 }
 
 impl Usb {
-    /// Level of the interrupt request `USB_LP` (20).
+    /// Level of the interrupt request `USB_LP` (20). Only isochronous and double-buffered endpoints use `USB_HP` (19).
     pub fn irq_low(&self) -> bool {
         self.status() & self.control & ISTR_ALL != 0
-    }
-
-    /// Level of the interrupt request `USB_HP` (19), which only isochronous and double-buffered endpoints use.
-    pub fn irq_high(&self) -> bool {
-        false
     }
 
     /// Level of the wake-up request, EXTI line 18 (RM0440 table 97).
