@@ -275,10 +275,8 @@ pub struct Chip {
     pub tim16: Tim,
     /// General-purpose timer of one channel.
     pub tim17: Tim,
-    /// DMA controller 1.
-    pub dma1: dma::Dma,
-    /// DMA controller 2.
-    pub dma2: dma::Dma,
+    /// DMA1 and DMA2.
+    pub dma: [dma::Dma; 2],
     /// DMA request multiplexer.
     pub dmamux: dmamux::Dmamux,
     /// DMA transfers since power-on.
@@ -344,8 +342,7 @@ impl Chip {
             tim15: Tim::new(Kind::Small),
             tim16: Tim::new(Kind::Single),
             tim17: Tim::new(Kind::Single),
-            dma1: Default::default(),
-            dma2: Default::default(),
+            dma: Default::default(),
             dmamux: Default::default(),
             transfers: 0,
             adc: Default::default(),
@@ -390,8 +387,8 @@ impl Chip {
             Lpuart1 => &mut self.lpuart1,
             Syscfg => &mut self.syscfg,
             Exti => &mut self.exti,
-            Dma1 => &mut self.dma1,
-            Dma2 => &mut self.dma2,
+            Dma1 => &mut self.dma[0],
+            Dma2 => &mut self.dma[1],
             Dmamux => &mut self.dmamux,
             Rcc => &mut self.rcc,
             Flash => &mut self.flash,
@@ -560,8 +557,7 @@ impl Chip {
         self.adc.errata = errata;
         self.rcc.errata = errata;
         self.spi2.errata = errata;
-        self.dma1.errata = errata;
-        self.dma2.errata = errata;
+        self.dma.iter_mut().for_each(|dma| dma.errata = errata);
     }
 
     /// Sets how strictly the model treats violations from now on; a new chip enforces the rules.
@@ -727,9 +723,8 @@ impl Chip {
 
     /// Levels of the interrupt requests: bit n for interrupt n.
     pub fn irq_lines(&self) -> u128 {
-        let channels = |dma: &dma::Dma| std::array::from_fn::<_, 8, _>(|channel| dma.irq(channel));
-        let dma = [&self.dma1, &self.dma2].map(channels).into_iter().flatten();
-        let dma = DMA_INTERRUPTS.into_iter().flatten().zip(dma);
+        let channels = self.dma.iter().flat_map(|dma| &dma.channels);
+        let dma = DMA_INTERRUPTS.into_iter().flatten().zip(channels.map(|channel| channel.irq()));
         let others = self.interrupts().map(|(_, number, level)| (number, level));
         dma.chain(others).fold(0, |levels, (number, level)| levels | u128::from(level) << number)
     }

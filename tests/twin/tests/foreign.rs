@@ -62,7 +62,7 @@ fn stm32g4xx_hal_adc_dma_fills_its_ring() {
     run(&mut machine, 0.2);
     // DMA1 channel 1 writes here: PA0, temperature and reference, five times.
     let now = machine.now();
-    let ring = machine.chip_mut().dma1.read(0x14, Width::Word, now).expect("DMA_CMAR1");
+    let ring = machine.chip_mut().dma[0].read(0x14, Width::Word, now).expect("DMA_CMAR1");
     let bytes = machine.chip().bytes(ring, 30).expect("in RAM");
     let codes: Vec<f64> = halves(bytes).map(f64::from).collect();
     let volts = [STEADY.force_v, adc::sensor_volts(25.0), adc::internal_reference_volts()];

@@ -22,7 +22,6 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::clocks::Clocks;
-use super::dmamux::Request;
 use super::errata::Errata;
 use super::pin::Pin;
 use super::rules::Rules;
@@ -143,17 +142,6 @@ pub enum Unit {
 impl Unit {
     /// All five converters.
     pub const ALL: [Self; 5] = [Self::One, Self::Two, Self::Three, Self::Four, Self::Five];
-
-    /// Its DMA request line.
-    pub const fn request(self) -> Request {
-        match self {
-            Self::One => Request::Adc1,
-            Self::Two => Request::Adc2,
-            Self::Three => Request::Adc3,
-            Self::Four => Request::Adc4,
-            Self::Five => Request::Adc5,
-        }
-    }
 
     /// Offset of its registers from the start of the ADC region.
     const fn base(self) -> u32 {
