@@ -118,6 +118,9 @@ pub enum Stop {
     Emulator(String),
 }
 
+/// What a run or a step of the core gives, unless it ends the run.
+pub type Ran<T = ()> = Result<T, Stop>;
+
 /// A basic block of the program: it executes from its first instruction to its last.
 #[derive(Clone, Copy, Debug, Default)]
 struct Block {
@@ -378,7 +381,7 @@ impl From<uc_error> for Stop {
 
 impl Cpu {
     /// A core on this chip, whose flash is already loaded. Call [`Self::reset`] before running.
-    pub fn new(chip: Chip) -> Result<Self, Stop> {
+    pub fn new(chip: Chip) -> Ran<Self> {
         let core = Core {
             chip,
             nvic: Nvic::default(),
@@ -411,7 +414,7 @@ impl Cpu {
     }
 
     /// Counts cycles from now on ([`Core::cycles`]), which about doubles the run time on the host.
-    pub fn count_cycles(&mut self) -> Result<(), Stop> {
+    pub fn count_cycles(&mut self) -> Ran {
         self.count_no_cycles()?;
         let core = self.core_mut();
         core.model = Some(Box::new(Model::new(core.chip.transfers)));
@@ -429,7 +432,7 @@ impl Cpu {
     }
 
     /// Stops counting, so that the program runs fast again.
-    pub fn count_no_cycles(&mut self) -> Result<(), Stop> {
+    pub fn count_no_cycles(&mut self) -> Ran {
         self.core_mut().model = None;
         let Some(hook) = self.accesses.take() else { return Ok(()) };
         self.uc.remove_hook(hook)?;
@@ -457,12 +460,12 @@ impl Cpu {
     }
 
     /// Changes a register between runs.
-    pub fn set(&mut self, register: R, value: u32) -> Result<(), Stop> {
+    pub fn set(&mut self, register: R, value: u32) -> Ran {
         Ok(self.uc.reg_write(register, u64::from(value))?)
     }
 
     /// Sets the flash size that the chip reports \[KB\].
-    pub fn set_flash_kb(&mut self, kb: u16) -> Result<(), Stop> {
+    pub fn set_flash_kb(&mut self, kb: u16) -> Ran {
         Ok(self.uc.mem_write(rom::FLASH_KB_AT.into(), &kb.to_le_bytes())?)
     }
 
@@ -482,7 +485,7 @@ impl Cpu {
     }
 
     /// Arms the erratum that loses the first write to each SRAM part, if it applies.
-    fn lose_first_writes(&mut self) -> Result<(), Stop> {
+    fn lose_first_writes(&mut self) -> Ran {
         if !self.core().chip.errata().first_write_lost {
             return Ok(());
         }
@@ -506,7 +509,7 @@ impl Cpu {
     }
 
     /// Undoes the writes that are lost.
-    fn lose_write(&mut self) -> Result<(), Stop> {
+    fn lose_write(&mut self) -> Ran {
         let core = self.core_mut();
         for (address, old) in std::mem::take(&mut core.losing) {
             let Some(place) = core.chip.ram_mut(address, old.len()) else { continue };
@@ -525,7 +528,7 @@ impl Cpu {
     }
 
     /// Starts from the vectors in flash.
-    pub fn reset(&mut self) -> Result<(), Stop> {
+    pub fn reset(&mut self) -> Ran {
         self.lose_first_writes()?;
         let core = self.core_mut();
         core.nvic = Nvic::default();
@@ -540,14 +543,14 @@ impl Cpu {
     }
 
     /// Starts at the ROM's boot loader vectors, after a start that selects the ROM.
-    pub fn enter_rom(&mut self) -> Result<(), Stop> {
+    pub fn enter_rom(&mut self) -> Ran {
         let [stack, start] = rom::VECTORS;
         self.set(R::SP, stack)?;
         self.set(R::PC, start)
     }
 
     /// Lets time pass without executing instructions.
-    pub fn pass(&mut self, cycles: Cycles) -> Result<(), Stop> {
+    pub fn pass(&mut self, cycles: Cycles) -> Ran {
         let core = self.core_mut();
         core.now += cycles;
         core.limit = core.limit.max(core.now);
@@ -556,7 +559,7 @@ impl Cpu {
     }
 
     /// Discards decoded and translated code after the program in flash has changed.
-    pub fn forget_code(&mut self) -> Result<(), Stop> {
+    pub fn forget_code(&mut self) -> Ran {
         let core = self.core_mut();
         core.blocks.fill(Block::default());
         core.model(|model, _| model.forget_code());
@@ -564,7 +567,7 @@ impl Cpu {
     }
 
     /// Enters a program as a boot loader does: SP and PC come from its vectors, everything else stays.
-    pub fn jump(&mut self, vectors: u32) -> Result<(), Stop> {
+    pub fn jump(&mut self, vectors: u32) -> Ran {
         let core = self.core_mut();
         (core.asleep, core.stop, core.failed, core.unmapped) = (None, None, None, None);
         let vector = |at: u32| core.vector(vectors + at).unwrap_or(0);
@@ -575,7 +578,7 @@ impl Cpu {
 
     /// Runs until `until`: exactly if the core sleeps then, else to the end of the block. A reset request ends the run
     /// early.
-    pub fn run(&mut self, until: Cycles) -> Result<Option<Reset>, Stop> {
+    pub fn run(&mut self, until: Cycles) -> Ran<Option<Reset>> {
         self.core_mut().limit = until;
         loop {
             let core = self.core_mut();
@@ -628,7 +631,7 @@ impl Cpu {
     }
 
     /// Applies the MPU's regions to unicorn.
-    fn protect(&mut self) -> Result<(), Stop> {
+    fn protect(&mut self) -> Ran {
         let regions = self.core().nvic.regions(Self::masks(&self.uc));
         if regions == self.regions {
             return Ok(());
@@ -648,7 +651,7 @@ impl Cpu {
     }
 
     /// Runs unicorn until something must be handled.
-    fn execute(&mut self) -> Result<(), Stop> {
+    fn execute(&mut self) -> Ran {
         self.protect()?;
         self.core_mut().pause = Pause::Itself;
         let pc = self.register(R::PC);
@@ -679,7 +682,7 @@ impl Cpu {
         Ok(())
     }
 
-    fn fault(&mut self, error: uc_error) -> Result<(), Stop> {
+    fn fault(&mut self, error: uc_error) -> Ran {
         let taken = self.faults == Faults::Taken;
         let regions = self.regions.clone();
         let core = self.core_mut();
@@ -707,7 +710,7 @@ impl Cpu {
     }
 
     /// Stacks the frame of an exception and enters its handler (B1.5.6).
-    fn enter(&mut self, exception: usize) -> Result<(), Stop> {
+    fn enter(&mut self, exception: usize) -> Ran {
         let control = self.register(R::CONTROL);
         let thread = self.core().nvic.depth() == 0;
         let floats = control & FPCA != 0;
@@ -759,7 +762,7 @@ impl Cpu {
     }
 
     /// Returns to the code that an exception interrupted (B1.5.8).
-    fn leave(&mut self, exc_return: u32) -> Result<(), Stop> {
+    fn leave(&mut self, exc_return: u32) -> Ran {
         let core = self.core_mut();
         let Some(ended) = core.nvic.leave() else { return Err(Stop::Return(exc_return)) };
         core.now += EXCEPTION_CYCLES;

@@ -24,7 +24,7 @@ use crate::{
         rom::{self, Left},
         rules::Rules,
     },
-    cpu::{Cpu, Faults, Place, Stop},
+    cpu::{Cpu, Faults, Place, Ran, Stop},
     cycles::Range,
     elf::{Elf, ElfError},
 };
@@ -282,7 +282,7 @@ impl Machine {
         self.rom.is_some()
     }
 
-    fn look_into_rom(&mut self, until: Cycles) -> Result<(), Stop> {
+    fn look_into_rom(&mut self, until: Cycles) -> Ran {
         let now = self.now();
         let look = self.chip().clocks.cycles_in(LOOK_S).max(1);
         self.cpu.pass(look.min(until - now))?;
@@ -301,7 +301,7 @@ impl Machine {
         }
     }
 
-    fn restart(&mut self, cause: Reset) -> Result<(), Stop> {
+    fn restart(&mut self, cause: Reset) -> Ran {
         let (now, time_s) = (self.now(), self.time_s());
         self.resets.push((time_s, cause));
         self.chip_mut().reset(cause, now);
@@ -332,7 +332,7 @@ impl Machine {
         Ok(self.jump_from_rom(left)?)
     }
 
-    fn jump_from_rom(&mut self, left: Left) -> Result<(), Stop> {
+    fn jump_from_rom(&mut self, left: Left) -> Ran {
         let noise = rom::noise();
         self.chip_mut().ram.bytes_mut()[..noise.len()].copy_from_slice(&noise);
         for &(address, value) in left.writes() {
