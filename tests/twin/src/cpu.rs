@@ -15,7 +15,7 @@
 //! [`Cpu::count_cycles`] counts the cost of these, separately from the clock.
 
 use crate::{
-    Cycles, Width,
+    Cycles, Unknown, Width,
     chip::{BadAccess, CCM_LEN, CCM_START, Chip, RAM_LEN, RAM_START, flash, rcc::Reset, rom},
     cycles::{Model, Range, timing},
     nvic::{HARD_FAULT, Masks, NMI, Nvic, Region, SV_CALL},
@@ -246,45 +246,36 @@ impl Core {
         if self.nvic.reset { Some(Reset::Software) } else { self.chip.reset_wanted() }
     }
 
-    fn read(&mut self, address: u32, bytes: usize) -> u32 {
+    /// A write of this value to a bus, or a read, which gives 0 if no model handles it.
+    fn access(&mut self, address: u32, bytes: usize, value: Option<u32>) -> u32 {
         let Some(width) = Width::of(bytes) else { return 0 };
         let outcome = if is_private(address) {
-            self.nvic.read(address, width, self.now).map_err(|unknown| private(address, width, None, unknown.what))
+            let outcome = match value {
+                None => self.nvic.read(address, width, self.now),
+                Some(value) => self.nvic.write(address, value, width, self.now).map(|()| 0),
+            };
+            outcome.map_err(|Unknown { what }| {
+                let offset = address - PRIVATE;
+                BadAccess { address, peripheral: "core", offset, width, value, what }
+            })
         } else {
-            self.chip.read(address, width, self.now)
+            match value {
+                None => self.chip.read(address, width, self.now),
+                Some(value) => self.chip.write(address, value, width, self.now).map(|()| 0),
+            }
         };
-        let value = outcome.unwrap_or_else(|bad| {
-            self.fail(bad);
+        let word = outcome.unwrap_or_else(|bad| {
+            self.stop.get_or_insert(Stop::Bus(bad));
+            self.failed.get_or_insert(self.block);
             0
         });
         self.model(|model, _| model.register(address));
         self.after_access();
-        value
-    }
-
-    fn write(&mut self, address: u32, bytes: usize, value: u32) {
-        let Some(width) = Width::of(bytes) else { return };
-        let mut changes_regions = false;
-        let outcome = if is_private(address) {
-            let outcome = self.nvic.write(address, value, width, self.now);
-            changes_regions = (MPU..MPU + 0x30).contains(&address);
-            outcome.map_err(|unknown| private(address, width, Some(value), unknown.what))
-        } else {
-            self.chip.write(address, value, width, self.now)
-        };
-        if let Err(bad) = outcome {
-            self.fail(bad);
-        }
-        self.model(|model, _| model.register(address));
-        self.after_access();
-        if changes_regions {
+        // A change of a region takes effect from the next block on.
+        if value.is_some() && (MPU..MPU + 0x30).contains(&address) {
             self.deadline = 0;
         }
-    }
-
-    fn fail(&mut self, bad: BadAccess) {
-        self.stop.get_or_insert(Stop::Bus(bad));
-        self.failed.get_or_insert(self.block);
+        word
     }
 
     /// Reads a vector. MEM_MODE selects the memory at address 0: flash, or the ROM, whose handlers are not modelled.
@@ -333,10 +324,6 @@ const MPU: u32 = 0xe000_ed90;
 
 fn is_private(address: u32) -> bool {
     address >= PRIVATE && !(DEBUG..DEBUG + 0x400).contains(&address)
-}
-
-fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -> BadAccess {
-    BadAccess { address, peripheral: "core", offset: address - PRIVATE, width, value, what }
 }
 
 /// The core with its chip.
@@ -834,10 +821,10 @@ fn map(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
             start.into(),
             len as u64,
             Some(move |uc: &mut Unicorn<Core>, offset: u64, bytes: usize| {
-                u64::from(uc.get_data_mut().read(start + offset as u32, bytes))
+                u64::from(uc.get_data_mut().access(start + offset as u32, bytes, None))
             }),
             Some(move |uc: &mut Unicorn<Core>, offset: u64, bytes: usize, value: u64| {
-                uc.get_data_mut().write(start + offset as u32, bytes, value as u32);
+                uc.get_data_mut().access(start + offset as u32, bytes, Some(value as u32));
             }),
         )?;
     }

@@ -241,7 +241,7 @@ impl Machine {
             }
             match self.cpu.run(slice) {
                 Ok(None) => {}
-                Ok(Some(cause)) => self.restart(cause).map_err(|stop| self.ended(stop))?,
+                Ok(Some(cause)) => self.reset_by(cause).map_err(|stop| self.ended(stop))?,
                 Err(Stop::Bootloader) if self.serves.is_some() => self.rom = Some(BootRom::default()),
                 Err(stop) => return Err(self.ended(stop)),
             }
@@ -292,7 +292,7 @@ impl Machine {
         match self.serves.filter(|_| rom.left) {
             Some(left) => {
                 self.cpu.forget_code()?;
-                self.jump_from_rom(left)
+                self.leave_rom(left)
             }
             None => {
                 self.rom = Some(rom);
@@ -301,7 +301,8 @@ impl Machine {
         }
     }
 
-    fn restart(&mut self, cause: Reset) -> Ran {
+    /// Resets the chip for this cause.
+    pub fn reset_by(&mut self, cause: Reset) -> Ran {
         let (now, time_s) = (self.now(), self.time_s());
         self.resets.push((time_s, cause));
         self.chip_mut().reset(cause, now);
@@ -311,28 +312,19 @@ impl Machine {
         self.cpu.reset()?;
         match self.chip().flash.boots(self.boot0) {
             Boot::Flash => Ok(()),
-            Boot::EitherBank => self.jump_from_rom(Left::Running),
+            Boot::EitherBank => self.leave_rom(Left::Running),
             Boot::Rom => self.cpu.enter_rom(),
             Boot::Ram => Err(Stop::Ram),
         }
     }
 
     /// Resets the chip with the reset button.
-    pub fn reset(&mut self) -> Result<(), StartError> {
-        Ok(self.restart(Reset::Pin)?)
-    }
-
-    /// Resets the chip for this cause.
-    pub fn reset_by(&mut self, cause: Reset) -> Result<(), StartError> {
-        Ok(self.restart(cause)?)
+    pub fn reset(&mut self) -> Ran {
+        self.reset_by(Reset::Pin)
     }
 
     /// Makes the ROM's boot loader jump to the program, as its "leave" and "go" commands do.
-    pub fn leave_rom(&mut self, left: Left) -> Result<(), StartError> {
-        Ok(self.jump_from_rom(left)?)
-    }
-
-    fn jump_from_rom(&mut self, left: Left) -> Ran {
+    pub fn leave_rom(&mut self, left: Left) -> Ran {
         let noise = rom::noise();
         self.chip_mut().ram.bytes_mut()[..noise.len()].copy_from_slice(&noise);
         for &(address, value) in left.writes() {
@@ -354,11 +346,11 @@ impl Machine {
     }
 
     /// Removes and restores power. Flash keeps its contents; RAM contents are undefined.
-    pub fn power_cut(&mut self) -> Result<(), StartError> {
+    pub fn power_cut(&mut self) -> Ran {
         self.seed = self.seed.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
         let seed = self.seed;
         self.chip_mut().lose_power(seed);
-        Ok(self.restart(Reset::Power)?)
+        self.reset_by(Reset::Power)
     }
 
     /// The core's activity since power was first applied.

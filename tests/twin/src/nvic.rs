@@ -10,6 +10,7 @@
 //! - *priority*: lower is more urgent: -2 NMI, -1 HardFault, 0 to 240 the rest in steps of 16 (four bits on this chip),
 //!   [`THREAD`] when nothing is active.
 
+use crate::registers::refuse;
 use crate::{Cycles, Modelled, Storage, Unknown, Width};
 
 /// Priority of thread mode, less urgent than any exception.
@@ -90,16 +91,14 @@ impl Region {
         }
         let size = attributes >> 1 & 0x1f;
         if !(9..31).contains(&size) || attributes & 0xff00 != 0 {
-            return Err(Unknown {
-                what: "MPU regions below 1 KB, of 4 GB or with disabled subregions are not modelled",
-            });
+            return refuse("MPU regions below 1 KB, of 4 GB or with disabled subregions are not modelled");
         }
         let len = 2 << size;
         let (read, write) = match attributes >> 24 & 7 {
             0 => (false, false),
             1..=3 => (true, true),
             5..=7 => (true, false),
-            _ => return Err(Unknown { what: "MPU_RASR.AP: reserved" }),
+            _ => return refuse("MPU_RASR.AP: reserved"),
         };
         let execute = read && attributes & 1 << 28 == 0;
         Ok(Some(Self { start: base & !(len - 1), len, read, write, execute }))
@@ -475,7 +474,7 @@ impl Nvic {
                 self.set_cycle_count(count, now);
                 // All other bits are for profiling.
                 if value & !1 & 0x0fff_ffff != 0 {
-                    return Err(Unknown { what: "DWT: only CYCCNT is modelled" });
+                    return refuse("DWT: only CYCCNT is modelled");
                 }
                 Ok(())
             }
@@ -552,7 +551,7 @@ impl Nvic {
             0xd08 => self.vector_table = value & !0x7f,
             AIRCR => {
                 if value >> 16 != VECTKEY {
-                    return Err(Unknown { what: "AIRCR written without VECTKEY" });
+                    return refuse("AIRCR written without VECTKEY");
                 }
                 self.group = value >> 8 & 7;
                 self.reset |= value & SYSRESETREQ != 0;
@@ -563,7 +562,7 @@ impl Nvic {
             // Cache and branch predictor maintenance. An M4 has neither.
             0xf50..=0xf78 => {}
             MPU_CTRL if value & MPU_ENABLE != 0 && value & MPU_BACKGROUND == 0 => {
-                return Err(Unknown { what: "MPU without PRIVDEFENA is not modelled" });
+                return refuse("MPU without PRIVDEFENA is not modelled");
             }
             MPU_RBAR..MPU_END => self.write_region(register, value)?,
             _ => {

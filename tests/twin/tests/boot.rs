@@ -5,7 +5,7 @@ use inerter_twin::chip::flash::{Boot, OPTIONS_DELIVERED};
 use inerter_twin::chip::rcc::Reset;
 use inerter_twin::chip::rom::Left;
 use inerter_twin::cpu::Stop;
-use inerter_twin::machine::{Machine, Options, StartError, shipping_image};
+use inerter_twin::machine::{Machine, Options, shipping_image};
 use inerter_twin::serial_link::SerialLink;
 use inerter_twin::world::Still;
 use inerter_wire::{Capabilities, Command, Hello, Record};
@@ -40,7 +40,7 @@ fn a_life_with(image: &[u8], options: u32) {
         }
         // Only a debug probe leads out of RAM.
         Boot::Ram => {
-            assert!(matches!(started, Err(StartError::Cpu(Stop::Ram))));
+            assert!(matches!(started, Err(Stop::Ram)));
             return;
         }
     }
