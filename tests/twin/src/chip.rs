@@ -420,51 +420,36 @@ impl Chip {
         self.ram.bytes_mut().get_mut(start..start.checked_add(len)?)
     }
 
-    /// A read by the core or by DMA.
-    pub(crate) fn bus_read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
-        if let Some((word, bit)) = bit_band(address) {
-            return Ok(self.bus_read(word, Width::Word, now)? >> bit & 1);
-        }
-        let (peripheral, start, read) = match find(address) {
-            Some(block) => (block.name, block.start, self.read_register(block, address - block.start, width, now)),
-            None if in_flash(address) => ("flash memory", flash::START, self.flash.read_memory(address, width, now)),
-            None => ("", address, Err(NOTHING)),
-        };
-        read.map_err(|Unknown { what }| BadAccess {
-            address,
-            peripheral,
-            offset: address - start,
-            width,
-            value: None,
-            what,
-        })
-    }
-
-    /// A write by the core or by DMA.
-    pub(crate) fn bus_write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), BadAccess> {
+    /// A write of this value by the core or by DMA, or a read.
+    pub(crate) fn bus(
+        &mut self,
+        address: u32,
+        width: Width,
+        value: Option<u32>,
+        now: Cycles,
+    ) -> Result<u32, BadAccess> {
         if let Some((word, bit)) = bit_band(address) {
             // The bit-band write reads and writes the whole word, whatever the width of the access (DDI 0439, 3.7).
-            let old = self.bus_read(word, Width::Word, now)?;
+            let old = self.bus(word, Width::Word, None, now)?;
+            let Some(value) = value else { return Ok(old >> bit & 1) };
             let new = old & !(1 << bit) | (value & 1) << bit;
-            return self.bus_write(word, new, Width::Word, now);
+            return self.bus(word, Width::Word, Some(new), now);
         }
-        let (peripheral, start, written) = match find(address) {
-            Some(block) => {
-                (block.name, block.start, self.write_register(block, address - block.start, value, width, now))
-            }
-            None if in_flash(address) => {
-                ("flash memory", flash::START, self.flash.write_memory(address, value, width, now))
-            }
-            None => ("", address, Err(NOTHING)),
+        let block = find(address);
+        let (peripheral, start) = match block {
+            Some(block) => (block.name, block.start),
+            None if in_flash(address) => ("flash memory", flash::START),
+            None => ("", address),
         };
-        written.map_err(|Unknown { what }| BadAccess {
-            address,
-            peripheral,
-            offset: address - start,
-            width,
-            value: Some(value),
-            what,
-        })
+        let offset = address - start;
+        let outcome = match (block, value) {
+            (Some(block), None) => self.read_register(block, offset, width, now),
+            (Some(block), Some(value)) => self.write_register(block, offset, value, width, now).map(|()| 0),
+            (None, _) if !in_flash(address) => Err(NOTHING),
+            (None, None) => self.flash.read_memory(address, width, now),
+            (None, Some(value)) => self.flash.write_memory(address, value, width, now).map(|()| 0),
+        };
+        outcome.map_err(|Unknown { what }| BadAccess { address, peripheral, offset, width, value, what })
     }
 
     fn is_clocked(&self, block: &Block, offset: u32) -> bool {

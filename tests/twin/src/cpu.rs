@@ -259,10 +259,7 @@ impl Core {
                 BadAccess { address, peripheral: "core", offset, width, value, what }
             })
         } else {
-            match value {
-                None => self.chip.read(address, width, self.now),
-                Some(value) => self.chip.write(address, value, width, self.now).map(|()| 0),
-            }
+            self.chip.access(address, width, value, self.now)
         };
         let word = outcome.unwrap_or_else(|bad| {
             self.stop.get_or_insert(Stop::Bus(bad));

@@ -111,7 +111,7 @@ pub trait Registers {
 }
 
 /// Registers that are plain storage. For the hardware they are indexed by their offset.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Storage {
     cells: Vec<Cell>,
 }

@@ -285,7 +285,7 @@ impl Analogue {
         }
         let part = volts / (REFERENCE_V * (1.0 + self.held.1));
         let bow = if nonlinearity_lsb == 0.0 { 0.0 } else { nonlinearity_lsb * (std::f64::consts::TAU * part).sin() };
-        let noise = self.noise.get_mut(unit as usize).map_or(0.0, |rng| normal(noise_lsb, rng));
+        let noise = normal(noise_lsb, &mut self.noise[unit as usize]);
         // A cast from float saturates at the limits of its type.
         ((part * CODES + bow + noise).round() as u16).min(CODES as u16 - 1)
     }
@@ -333,7 +333,7 @@ struct Rank {
 }
 
 /// One converter.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Converter {
     isr: u32,
     ier: u32,
@@ -363,26 +363,7 @@ struct Converter {
 
 impl Converter {
     fn new() -> Self {
-        Self {
-            isr: 0,
-            ier: 0,
-            cr: DEEPPWD,
-            cfgr: JQDIS,
-            dr: 0,
-            storage: Storage::new(&STORAGE),
-            sequence: [Rank::default(); 16],
-            length: 1,
-            conversion: None,
-            regulator_settled: 0,
-            calibration_end: None,
-            enable_from: 0,
-            ready_at: None,
-            ready: false,
-            dma_ended: false,
-            ended: None,
-            stopped: false,
-            phase: None,
-        }
+        Self { cr: DEEPPWD, cfgr: JQDIS, storage: Storage::new(&STORAGE), length: 1, ..Self::default() }
     }
 
     fn reset(&mut self) {
@@ -538,7 +519,7 @@ impl Adcs {
     }
 
     fn begin(&mut self, unit: Unit, rank: usize, now: Cycles, latency: f64) -> Modelled {
-        let sampling = self.unit(unit).sequence.get(rank).map_or(0.0, |rank| rank.sampling_clocks);
+        let sampling = self.unit(unit).sequence[rank].sampling_clocks;
         let aperture = now + self.clocks(unit, latency + sampling)?;
         let end = now + self.clocks(unit, latency + sampling + CONVERSION_CLOCKS)?;
         let disturbed = self.errata.adc_concurrent && self.disturbs_others(unit, now)?;
@@ -593,7 +574,7 @@ impl Adcs {
     pub fn looks_at(&self, unit: Unit) -> Modelled<(Signal, Cycles)> {
         let it = self.unit(unit);
         let conversion = it.conversion.ok_or(Unknown { what: "no conversion is in progress" })?;
-        let channel = it.sequence.get(conversion.rank).map_or(0, |rank| rank.channel);
+        let channel = it.sequence[conversion.rank].channel;
         let signal = unit.signal(channel).ok_or(Unknown { what: "ADC channel not connected" })?;
         let switch = signal.switch();
         refuse_if(self.common[unit.common()] & switch != switch, "internal ADC channel not enabled in ADC_CCR")?;

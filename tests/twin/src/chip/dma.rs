@@ -186,10 +186,10 @@ pub struct Dma {
 
 impl Dma {
     /// The channel at an offset, and the register within its group of five words. The first group starts at 0x08.
-    fn place(offset: u32) -> Option<(usize, u32)> {
-        let offset = offset.checked_sub(0x08)?;
-        let channel = (offset / 0x14) as usize;
-        (channel < CHANNELS).then_some((channel, offset % 0x14))
+    fn place(&mut self, offset: u32) -> Modelled<(&mut Channel, u32)> {
+        let offset = offset.checked_sub(0x08).ok_or(Unknown::REGISTER)?;
+        let channel = self.channels.get_mut((offset / 0x14) as usize).ok_or(Unknown::REGISTER)?;
+        Ok((channel, offset % 0x14))
     }
 }
 
@@ -202,11 +202,12 @@ impl Registers for Dma {
             let nibble = |flags: u32| flags | if flags != 0 { flag::GLOBAL } else { 0 };
             return Ok((0..).zip(&self.channels).map(|(n, it)| nibble(it.flags) << (4 * n)).sum());
         }
-        match Self::place(offset).and_then(|(n, register)| self.channels.get(n).zip(Some(register))) {
-            Some((it, CCR)) => Ok(it.ccr),
-            Some((it, CNDTR)) => Ok(it.cndtr),
-            Some((it, CPAR)) => Ok(it.cpar),
-            Some((it, CMAR)) => Ok(it.cmar),
+        let (it, register) = self.place(offset)?;
+        match register {
+            CCR => Ok(it.ccr),
+            CNDTR => Ok(it.cndtr),
+            CPAR => Ok(it.cpar),
+            CMAR => Ok(it.cmar),
             _ => Err(Unknown::REGISTER),
         }
     }
@@ -226,9 +227,7 @@ impl Registers for Dma {
             }
             return Ok(());
         }
-        let (it, register) = Self::place(offset)
-            .and_then(|(n, register)| self.channels.get_mut(n).zip(Some(register)))
-            .ok_or(Unknown::REGISTER)?;
+        let (it, register) = self.place(offset)?;
         if register == CCR {
             let value = value & CCR_ALL;
             refuse_if(

@@ -354,7 +354,7 @@ impl Chip {
         let Transfer { peripheral, peripheral_width, memory, memory_width, direction } = *transfer;
         let size = memory_width.bytes() as usize;
         let outcome = match direction {
-            Direction::ToMemory => self.bus_read(peripheral, peripheral_width, now).map(|value| {
+            Direction::ToMemory => self.bus(peripheral, peripheral_width, None, now).map(|value| {
                 let bytes = (value & peripheral_width.mask()).to_le_bytes();
                 match self.ram_mut(memory, size) {
                     Some(place) => place.copy_from_slice(&bytes[..size]),
@@ -367,7 +367,7 @@ impl Chip {
                     Some(place) => bytes[..size].copy_from_slice(place),
                     None => return self.channel_mut(channel).fail(),
                 }
-                self.bus_write(peripheral, u32::from_le_bytes(bytes), peripheral_width, now)
+                self.bus(peripheral, peripheral_width, Some(u32::from_le_bytes(bytes)), now).map(|_| ())
             }
         };
         if let Err(bad) = outcome {

@@ -7,18 +7,20 @@ use crate::{Cycles, Width};
 impl Chip {
     /// A read by the core.
     pub fn read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
-        self.advance(now);
-        let value = self.bus_read(address, width, now)?;
-        self.serve_dma(now);
-        Ok(value)
+        self.access(address, width, None, now)
     }
 
     /// A write by the core.
     pub fn write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), BadAccess> {
+        self.access(address, width, Some(value), now).map(|_| ())
+    }
+
+    /// A write of this value by the core, or a read.
+    pub fn access(&mut self, address: u32, width: Width, value: Option<u32>, now: Cycles) -> Result<u32, BadAccess> {
         self.advance(now);
-        self.bus_write(address, value, width, now)?;
+        let word = self.bus(address, width, value, now)?;
         self.serve_dma(now);
-        Ok(())
+        Ok(word)
     }
 
     /// The latest time at which [`Self::advance`] must be called.

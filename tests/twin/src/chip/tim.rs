@@ -457,13 +457,17 @@ impl Registers for Tim {
     }
 
     fn reset(&mut self, now: Cycles) {
-        let encoder = self.encoder;
-        let clocks = (self.cycles_per_clock, self.clock_hz);
-        let (takes_lsi, hclk_hz) = (self.takes_lsi, self.hclk_hz);
-        let mut storage = self.storage.clone();
-        storage.reset();
-        *self = Self { storage, since: now, encoder, takes_lsi, hclk_hz, ..Self::new(self.kind) };
-        (self.cycles_per_clock, self.clock_hz) = clocks;
+        self.storage.reset();
+        *self = Self {
+            storage: self.storage.clone(),
+            cycles_per_clock: self.cycles_per_clock,
+            clock_hz: self.clock_hz,
+            since: now,
+            encoder: self.encoder,
+            takes_lsi: self.takes_lsi,
+            hclk_hz: self.hclk_hz,
+            ..Self::new(self.kind)
+        };
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
