@@ -222,11 +222,6 @@ impl Bench {
         Ok(Self { rig, plant, segments: VecDeque::from([first]), last, filter: None, standing: None })
     }
 
-    /// The rig's description.
-    pub fn rig(&self) -> &Rig {
-        &self.rig
-    }
-
     /// The true state at this time since power was applied.
     fn truth(&mut self, time_s: f64) -> Truth {
         let t_s = time_s - self.rig.start_s;

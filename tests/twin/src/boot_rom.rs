@@ -65,15 +65,11 @@ pub struct BootRom {
     stage: Stage,
     dfu: Dfu,
     begun: bool,
-    left: bool,
+    /// The device has left the bus, and the program must be started.
+    pub left: bool,
 }
 
 impl BootRom {
-    /// Whether the device has left the bus and the program must be started.
-    pub fn has_left(&self) -> bool {
-        self.left
-    }
-
     /// Polls the USB peripheral.
     pub fn look(&mut self, chip: &mut Chip, now: Cycles) {
         if !self.begun {

@@ -46,7 +46,7 @@ pub mod tim;
 pub mod tim6;
 pub mod usb;
 
-use crate::{Board, Cycles, Registers, Unknown, Width, World};
+use crate::{Board, Cycles, Modelled, Registers, Storage, Unknown, Width, World};
 use clocks::Clocks;
 use errata::Errata;
 use gpio::{Gpio, Mode};
@@ -135,52 +135,56 @@ struct Block {
     gate: Option<Gate>,
 }
 
-const fn block(start: u32, len: u32, name: &'static str, peripheral: Peripheral, gate: Option<Gate>) -> Block {
-    Block { start, end: start + len, name, peripheral, gate }
+const fn block(start: u32, name: &'static str, peripheral: Peripheral, register: u32, bit: u32) -> Block {
+    Block { start, end: start + 0x400, name, peripheral, gate: Some(Gate(register, bit)) }
+}
+
+const fn ungated(start: u32, name: &'static str, peripheral: Peripheral) -> Block {
+    Block { gate: None, ..block(start, name, peripheral, 0, 0) }
 }
 
 /// Sorted by address. The clock of a block without a gate is always on.
 const BLOCKS: [Block; 36] = {
     use Peripheral::*;
     [
-        block(0x4000_0000, 0x400, "TIM2", Tim2, Some(Gate(APB1ENR1, 0))),
-        block(0x4000_0400, 0x400, "TIM3", Tim3, Some(Gate(APB1ENR1, 1))),
-        block(0x4000_0800, 0x400, "TIM4", Tim4, Some(Gate(APB1ENR1, 2))),
-        block(0x4000_0c00, 0x400, "TIM5", Tim5, Some(Gate(APB1ENR1, 3))),
-        block(0x4000_1000, 0x400, "TIM6", Tim6, Some(Gate(APB1ENR1, 4))),
-        block(0x4000_1400, 0x400, "TIM7", Tim7, Some(Gate(APB1ENR1, 5))),
-        block(0x4000_2000, 0x400, "CRS", Crs, Some(Gate(APB1ENR1, 8))),
-        block(0x4000_2400, 0x400, "TAMP", Tamp, Some(Gate(APB1ENR1, 10))),
-        block(0x4000_3000, 0x400, "IWDG", Iwdg, None),
-        block(0x4000_3800, 0x400, "SPI2", Spi2, Some(Gate(APB1ENR1, 14))),
+        block(0x4000_0000, "TIM2", Tim2, APB1ENR1, 0),
+        block(0x4000_0400, "TIM3", Tim3, APB1ENR1, 1),
+        block(0x4000_0800, "TIM4", Tim4, APB1ENR1, 2),
+        block(0x4000_0c00, "TIM5", Tim5, APB1ENR1, 3),
+        block(0x4000_1000, "TIM6", Tim6, APB1ENR1, 4),
+        block(0x4000_1400, "TIM7", Tim7, APB1ENR1, 5),
+        block(0x4000_2000, "CRS", Crs, APB1ENR1, 8),
+        block(0x4000_2400, "TAMP", Tamp, APB1ENR1, 10),
+        ungated(0x4000_3000, "IWDG", Iwdg),
+        block(0x4000_3800, "SPI2", Spi2, APB1ENR1, 14),
         // Registers, then the packet memory at offset 0x400.
-        block(0x4000_5c00, 0x800, "USB", Usb, Some(Gate(APB1ENR1, 23))),
-        block(0x4000_7000, 0x400, "PWR", Pwr, Some(Gate(APB1ENR1, 28))),
-        block(0x4000_8000, 0x400, "LPUART1", Lpuart1, Some(Gate(APB1ENR2, 0))),
-        block(0x4001_0000, 0x30, "SYSCFG", Syscfg, Some(Gate(APB2ENR, 0))),
-        block(0x4001_0400, 0x400, "EXTI", Exti, None),
-        block(0x4001_2c00, 0x400, "TIM1", Tim1, Some(Gate(APB2ENR, 11))),
-        block(0x4001_3400, 0x400, "TIM8", Tim8, Some(Gate(APB2ENR, 13))),
-        block(0x4001_4000, 0x400, "TIM15", Tim15, Some(Gate(APB2ENR, 16))),
-        block(0x4001_4400, 0x400, "TIM16", Tim16, Some(Gate(APB2ENR, 17))),
-        block(0x4001_4800, 0x400, "TIM17", Tim17, Some(Gate(APB2ENR, 18))),
-        block(0x4002_0000, 0x400, "DMA1", Dma1, Some(Gate(AHB1ENR, 0))),
-        block(0x4002_0400, 0x400, "DMA2", Dma2, Some(Gate(AHB1ENR, 1))),
-        block(0x4002_0800, 0x400, "DMAMUX", Dmamux, Some(Gate(AHB1ENR, 2))),
-        block(0x4002_1000, 0x400, "RCC", Rcc, None),
-        block(0x4002_2000, 0x400, "FLASH", Flash, Some(Gate(AHB1ENR, 8))),
-        block(0x4800_0000, 0x400, "GPIOA", Gpio(0), Some(Gate(AHB2ENR, 0))),
-        block(0x4800_0400, 0x400, "GPIOB", Gpio(1), Some(Gate(AHB2ENR, 1))),
-        block(0x4800_0800, 0x400, "GPIOC", Gpio(2), Some(Gate(AHB2ENR, 2))),
-        block(0x4800_0c00, 0x400, "GPIOD", Gpio(3), Some(Gate(AHB2ENR, 3))),
-        block(0x4800_1000, 0x400, "GPIOE", Gpio(4), Some(Gate(AHB2ENR, 4))),
-        block(0x4800_1400, 0x400, "GPIOF", Gpio(5), Some(Gate(AHB2ENR, 5))),
-        block(0x4800_1800, 0x400, "GPIOG", Gpio(6), Some(Gate(AHB2ENR, 6))),
+        Block { end: 0x4000_6400, ..block(0x4000_5c00, "USB", Usb, APB1ENR1, 23) },
+        block(0x4000_7000, "PWR", Pwr, APB1ENR1, 28),
+        block(0x4000_8000, "LPUART1", Lpuart1, APB1ENR2, 0),
+        Block { end: 0x4001_0030, ..block(0x4001_0000, "SYSCFG", Syscfg, APB2ENR, 0) },
+        ungated(0x4001_0400, "EXTI", Exti),
+        block(0x4001_2c00, "TIM1", Tim1, APB2ENR, 11),
+        block(0x4001_3400, "TIM8", Tim8, APB2ENR, 13),
+        block(0x4001_4000, "TIM15", Tim15, APB2ENR, 16),
+        block(0x4001_4400, "TIM16", Tim16, APB2ENR, 17),
+        block(0x4001_4800, "TIM17", Tim17, APB2ENR, 18),
+        block(0x4002_0000, "DMA1", Dma1, AHB1ENR, 0),
+        block(0x4002_0400, "DMA2", Dma2, AHB1ENR, 1),
+        block(0x4002_0800, "DMAMUX", Dmamux, AHB1ENR, 2),
+        ungated(0x4002_1000, "RCC", Rcc),
+        block(0x4002_2000, "FLASH", Flash, AHB1ENR, 8),
+        block(0x4800_0000, "GPIOA", Gpio(0), AHB2ENR, 0),
+        block(0x4800_0400, "GPIOB", Gpio(1), AHB2ENR, 1),
+        block(0x4800_0800, "GPIOC", Gpio(2), AHB2ENR, 2),
+        block(0x4800_0c00, "GPIOD", Gpio(3), AHB2ENR, 3),
+        block(0x4800_1000, "GPIOE", Gpio(4), AHB2ENR, 4),
+        block(0x4800_1400, "GPIOF", Gpio(5), AHB2ENR, 5),
+        block(0x4800_1800, "GPIOG", Gpio(6), AHB2ENR, 6),
         // ADC1, ADC2 and their common registers; ADC3 to ADC5, which follow, have their own gate.
-        block(0x5000_0000, 0x800, "ADC", Adc, Some(Gate(AHB2ENR, 13))),
-        block(0x5000_0800, 0x400, "DAC1", Dac1, Some(Gate(AHB2ENR, 16))),
-        block(0x5000_0c00, 0x400, "DAC2", Dac2, Some(Gate(AHB2ENR, 17))),
-        block(0xe004_2000, 0x400, "DBGMCU", Dbgmcu, None),
+        Block { end: 0x5000_0800, ..block(0x5000_0000, "ADC", Adc, AHB2ENR, 13) },
+        block(0x5000_0800, "DAC1", Dac1, AHB2ENR, 16),
+        block(0x5000_0c00, "DAC2", Dac2, AHB2ENR, 17),
+        ungated(0xe004_2000, "DBGMCU", Dbgmcu),
     ]
 };
 /// ADC3, ADC4, ADC5.
@@ -201,52 +205,8 @@ const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is write-protect
 /// No register block at this address.
 pub const NOTHING: Unknown = Unknown { what: "no peripheral at this address" };
 
-/// Interrupt numbers (RM0440 table 97), and for the tests also their names.
-macro_rules! interrupts {
-    ($($name:ident = $number:literal,)+) => {
-        mod irq {
-            $(pub const $name: u32 = $number;)+
-            /// Channels 1 to 8.
-            pub const DMA1: [u32; 8] = [11, 12, 13, 14, 15, 16, 17, 96];
-            pub const DMA2: [u32; 8] = [56, 57, 58, 59, 60, 97, 98, 99];
-            #[cfg(test)]
-            pub const NAMES: &[(&str, u32)] = &[$((stringify!($name), $number)),+];
-        }
-    };
-}
-
-interrupts! {
-    FLASH = 4,
-    EXTI0 = 6,
-    EXTI1 = 7,
-    EXTI2 = 8,
-    EXTI3 = 9,
-    EXTI4 = 10,
-    ADC1_2 = 18,
-    USB_HP = 19,
-    USB_LP = 20,
-    EXTI9_5 = 23,
-    TIM1_BRK_TIM15 = 24,
-    TIM1_UP_TIM16 = 25,
-    TIM1_TRG_COM_TIM17 = 26,
-    TIM1_CC = 27,
-    TIM2 = 28,
-    TIM3 = 29,
-    TIM4 = 30,
-    SPI2 = 36,
-    EXTI15_10 = 40,
-    USBWAKEUP = 42,
-    TIM8_UP = 44,
-    TIM8_CC = 46,
-    ADC3 = 47,
-    TIM5 = 50,
-    TIM6_DAC = 54,
-    TIM7_DAC = 55,
-    ADC4 = 61,
-    ADC5 = 62,
-    CRS = 75,
-    LPUART1 = 91,
-}
+/// Numbers of the interrupts of the channels 1 to 8 of both DMA controllers (RM0440 table 97).
+const DMA_INTERRUPTS: [[u32; 8]; 2] = [[11, 12, 13, 14, 15, 16, 17, 96], [56, 57, 58, 59, 60, 97, 98, 99]];
 
 /// Inputs of TIM2: pin, alternate function, channel (DS12288 table 13).
 pub const TIM2_INPUTS: [(Pin, u8, usize); 11] = [
@@ -294,7 +254,7 @@ pub struct Chip {
     /// Backup registers.
     pub tamp: tamp::Tamp,
     /// Debug support.
-    pub dbgmcu: dbgmcu::Dbgmcu,
+    pub dbgmcu: Storage,
     /// Serial link.
     pub lpuart1: lpuart::Lpuart,
     /// Advanced-control timer.
@@ -315,10 +275,8 @@ pub struct Chip {
     pub tim16: Tim,
     /// General-purpose timer of one channel.
     pub tim17: Tim,
-    /// DMA controller 1.
-    pub dma1: dma::Dma,
-    /// DMA controller 2.
-    pub dma2: dma::Dma,
+    /// DMA1 and DMA2.
+    pub dma: [dma::Dma; 2],
     /// DMA request multiplexer.
     pub dmamux: dmamux::Dmamux,
     /// DMA transfers since power-on.
@@ -373,7 +331,7 @@ impl Chip {
             iwdg: Default::default(),
             crs: Default::default(),
             tamp: Default::default(),
-            dbgmcu: Default::default(),
+            dbgmcu: dbgmcu::registers(),
             lpuart1: Default::default(),
             tim1: Tim::new(Kind::Advanced),
             tim2: Tim::new(Kind::Wide),
@@ -384,8 +342,7 @@ impl Chip {
             tim15: Tim::new(Kind::Small),
             tim16: Tim::new(Kind::Single),
             tim17: Tim::new(Kind::Single),
-            dma1: Default::default(),
-            dma2: Default::default(),
+            dma: Default::default(),
             dmamux: Default::default(),
             transfers: 0,
             adc: Default::default(),
@@ -430,8 +387,8 @@ impl Chip {
             Lpuart1 => &mut self.lpuart1,
             Syscfg => &mut self.syscfg,
             Exti => &mut self.exti,
-            Dma1 => &mut self.dma1,
-            Dma2 => &mut self.dma2,
+            Dma1 => &mut self.dma[0],
+            Dma2 => &mut self.dma[1],
             Dmamux => &mut self.dmamux,
             Rcc => &mut self.rcc,
             Flash => &mut self.flash,
@@ -463,51 +420,36 @@ impl Chip {
         self.ram.bytes_mut().get_mut(start..start.checked_add(len)?)
     }
 
-    /// A read by the core or by DMA.
-    pub(crate) fn bus_read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
-        if let Some((word, bit)) = bit_band(address) {
-            return Ok(self.bus_read(word, Width::Word, now)? >> bit & 1);
-        }
-        let (peripheral, start, read) = match find(address) {
-            Some(block) => (block.name, block.start, self.read_register(block, address - block.start, width, now)),
-            None if in_flash(address) => ("flash memory", flash::START, self.flash.read_memory(address, width, now)),
-            None => ("", address, Err(NOTHING)),
-        };
-        read.map_err(|Unknown { what }| BadAccess {
-            address,
-            peripheral,
-            offset: address - start,
-            width,
-            value: None,
-            what,
-        })
-    }
-
-    /// A write by the core or by DMA.
-    pub(crate) fn bus_write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), BadAccess> {
+    /// A write of this value by the core or by DMA, or a read.
+    pub(crate) fn bus(
+        &mut self,
+        address: u32,
+        width: Width,
+        value: Option<u32>,
+        now: Cycles,
+    ) -> Result<u32, BadAccess> {
         if let Some((word, bit)) = bit_band(address) {
             // The bit-band write reads and writes the whole word, whatever the width of the access (DDI 0439, 3.7).
-            let old = self.bus_read(word, Width::Word, now)?;
+            let old = self.bus(word, Width::Word, None, now)?;
+            let Some(value) = value else { return Ok(old >> bit & 1) };
             let new = old & !(1 << bit) | (value & 1) << bit;
-            return self.bus_write(word, new, Width::Word, now);
+            return self.bus(word, Width::Word, Some(new), now);
         }
-        let (peripheral, start, written) = match find(address) {
-            Some(block) => {
-                (block.name, block.start, self.write_register(block, address - block.start, value, width, now))
-            }
-            None if in_flash(address) => {
-                ("flash memory", flash::START, self.flash.write_memory(address, value, width, now))
-            }
-            None => ("", address, Err(NOTHING)),
+        let block = find(address);
+        let (peripheral, start) = match block {
+            Some(block) => (block.name, block.start),
+            None if in_flash(address) => ("flash memory", flash::START),
+            None => ("", address),
         };
-        written.map_err(|Unknown { what }| BadAccess {
-            address,
-            peripheral,
-            offset: address - start,
-            width,
-            value: Some(value),
-            what,
-        })
+        let offset = address - start;
+        let outcome = match (block, value) {
+            (Some(block), None) => self.read_register(block, offset, width, now),
+            (Some(block), Some(value)) => self.write_register(block, offset, value, width, now).map(|()| 0),
+            (None, _) if !in_flash(address) => Err(NOTHING),
+            (None, None) => self.flash.read_memory(address, width, now),
+            (None, Some(value)) => self.flash.write_memory(address, value, width, now).map(|()| 0),
+        };
+        outcome.map_err(|Unknown { what }| BadAccess { address, peripheral, offset, width, value, what })
     }
 
     fn is_clocked(&self, block: &Block, offset: u32) -> bool {
@@ -515,7 +457,7 @@ impl Chip {
         gate.is_none_or(|gate| self.rcc.is_on(gate) && !self.rcc.is_reset(gate))
     }
 
-    fn read_register(&mut self, block: &Block, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read_register(&mut self, block: &Block, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         if !self.is_clocked(block, offset) {
             match (self.rules, block.peripheral) {
                 (Rules::Enforced, _) => return Err(CLOCK_OFF),
@@ -530,14 +472,7 @@ impl Chip {
         self.model(block.peripheral).read(offset, width, now)
     }
 
-    fn write_register(
-        &mut self,
-        block: &Block,
-        offset: u32,
-        value: u32,
-        width: Width,
-        now: Cycles,
-    ) -> Result<(), Unknown> {
+    fn write_register(&mut self, block: &Block, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let in_backup = block.peripheral == Peripheral::Tamp || block.start + offset == RCC_BDCR;
         let refused = match (self.is_clocked(block, offset), in_backup && !self.pwr.backup_is_open()) {
             (false, _) => Some(CLOCK_OFF),
@@ -581,7 +516,7 @@ impl Chip {
         }
     }
 
-    fn change_clocks(&mut self, now: Cycles) -> Result<(), Unknown> {
+    fn change_clocks(&mut self, now: Cycles) -> Modelled {
         let clocks = self.rcc.clocks(now, self.clocks.seconds(now));
         self.rcc.check(&clocks, self.pwr.boost(), self.flash.wait_states())?;
         let same = Clocks { since: self.clocks.since, since_s: self.clocks.since_s, ..clocks } == self.clocks;
@@ -603,20 +538,19 @@ impl Chip {
     /// Sets the errata that apply from now on; a new chip has none.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
-        self.flash.set_errata(errata);
-        self.adc.set_errata(errata);
-        self.rcc.set_errata(errata);
-        self.spi2.set_errata(errata);
-        self.dma1.set_errata(errata);
-        self.dma2.set_errata(errata);
+        self.flash.errata = errata;
+        self.adc.errata = errata;
+        self.rcc.errata = errata;
+        self.spi2.errata = errata;
+        self.dma.iter_mut().for_each(|dma| dma.errata = errata);
     }
 
     /// Sets how strictly the model treats violations from now on; a new chip enforces the rules.
     pub fn set_rules(&mut self, rules: Rules) {
         self.rules = rules;
-        self.rcc.set_rules(rules);
-        self.flash.set_rules(rules);
-        self.adc.set_rules(rules);
+        self.rcc.rules = rules;
+        self.flash.rules = rules;
+        self.adc.rules = rules;
     }
 
     /// The errata in force.
@@ -637,12 +571,12 @@ impl Chip {
 
     /// The reset that the chip itself requests, if any.
     pub fn reset_wanted(&self) -> Option<Reset> {
-        if self.iwdg.bites() { Some(Reset::Watchdog) } else { self.flash.launches().then_some(Reset::OptionBytes) }
+        if self.iwdg.bites() { Some(Reset::Watchdog) } else { self.flash.launch.then_some(Reset::OptionBytes) }
     }
 
     /// Whether a peripheral requests the NMI.
     pub fn nmi(&self) -> bool {
-        self.flash.nmi() || self.rcc.nmi()
+        self.flash.nmi() || self.rcc.failed
     }
 
     /// Sets the external level at a pin.
@@ -736,50 +670,48 @@ impl Chip {
         if self.pin_mode(self.board.serial_tx) == LPUART1_FUNCTION { sent } else { Vec::new() }
     }
 
-    fn timers(&self) -> [&Tim; 9] {
-        let Self { tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17, .. } = self;
-        [tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17]
+    /// Name, number and level of each interrupt request (RM0440 table 97), except those of DMA.
+    fn interrupts(&self) -> [(&'static str, u32, bool); 29] {
+        use adc::Unit;
+        [
+            ("FLASH", 4, self.flash.irq()),
+            ("EXTI0", 6, self.exti.requests(1 << 0)),
+            ("EXTI1", 7, self.exti.requests(1 << 1)),
+            ("EXTI2", 8, self.exti.requests(1 << 2)),
+            ("EXTI3", 9, self.exti.requests(1 << 3)),
+            ("EXTI4", 10, self.exti.requests(1 << 4)),
+            ("ADC1_2", 18, self.adc.irq(Unit::One) || self.adc.irq(Unit::Two)),
+            ("USB_LP", 20, self.usb.irq_low()),
+            ("EXTI9_5", 23, self.exti.requests(0x3e0)),
+            ("TIM1_BRK_TIM15", 24, self.tim15.irq()),
+            ("TIM1_UP_TIM16", 25, self.tim16.irq() || self.tim1.irq_update()),
+            ("TIM1_TRG_COM_TIM17", 26, self.tim17.irq()),
+            ("TIM1_CC", 27, self.tim1.irq_compare()),
+            ("TIM2", 28, self.tim2.irq()),
+            ("TIM3", 29, self.tim3.irq()),
+            ("TIM4", 30, self.tim4.irq()),
+            ("SPI2", 36, self.spi2.irq()),
+            ("EXTI15_10", 40, self.exti.requests(0xfc00)),
+            ("USBWAKEUP", 42, self.usb.irq_wakeup() && self.exti.unmasked(18)),
+            ("TIM8_UP", 44, self.tim8.irq_update()),
+            ("TIM8_CC", 46, self.tim8.irq_compare()),
+            ("TIM5", 50, self.tim5.irq()),
+            ("TIM6_DAC", 54, self.tim6.irq() || self.dac[0].irq()),
+            ("TIM7_DAC", 55, self.tim7.irq() || self.dac[1].irq()),
+            ("ADC3", 47, self.adc.irq(Unit::Three)),
+            ("ADC4", 61, self.adc.irq(Unit::Four)),
+            ("ADC5", 62, self.adc.irq(Unit::Five)),
+            ("CRS", 75, self.crs.irq()),
+            ("LPUART1", 91, self.lpuart1.irq()),
+        ]
     }
 
     /// Levels of the interrupt requests: bit n for interrupt n.
     pub fn irq_lines(&self) -> u128 {
-        use adc::Unit;
-        use irq::*;
-        let dma1 = (0..).zip(DMA1).map(|(channel, line)| (self.dma1.irq(channel), line));
-        let dma2 = (0..).zip(DMA2).map(|(channel, line)| (self.dma2.irq(channel), line));
-        let lines = [
-            (self.flash.irq(), FLASH),
-            (self.exti.requests(1 << 0), EXTI0),
-            (self.exti.requests(1 << 1), EXTI1),
-            (self.exti.requests(1 << 2), EXTI2),
-            (self.exti.requests(1 << 3), EXTI3),
-            (self.exti.requests(1 << 4), EXTI4),
-            (self.adc.irq(Unit::One) || self.adc.irq(Unit::Two), ADC1_2),
-            (self.usb.irq_high(), USB_HP),
-            (self.usb.irq_low(), USB_LP),
-            (self.exti.requests(0x3e0), EXTI9_5),
-            (self.tim15.irq(), TIM1_BRK_TIM15),
-            (self.tim16.irq() || self.tim1.irq_update(), TIM1_UP_TIM16),
-            (self.tim17.irq(), TIM1_TRG_COM_TIM17),
-            (self.tim1.irq_compare(), TIM1_CC),
-            (self.tim2.irq(), TIM2),
-            (self.tim3.irq(), TIM3),
-            (self.tim4.irq(), TIM4),
-            (self.spi2.irq(), SPI2),
-            (self.exti.requests(0xfc00), EXTI15_10),
-            (self.usb.irq_wakeup() && self.exti.unmasked(18), USBWAKEUP),
-            (self.tim8.irq_update(), TIM8_UP),
-            (self.tim8.irq_compare(), TIM8_CC),
-            (self.tim5.irq(), TIM5),
-            (self.tim6.irq() || self.dac[0].irq(), TIM6_DAC),
-            (self.tim7.irq() || self.dac[1].irq(), TIM7_DAC),
-            (self.adc.irq(Unit::Three), ADC3),
-            (self.adc.irq(Unit::Four), ADC4),
-            (self.adc.irq(Unit::Five), ADC5),
-            (self.crs.irq(), CRS),
-            (self.lpuart1.irq(), LPUART1),
-        ];
-        lines.into_iter().chain(dma1).chain(dma2).fold(0, |levels, (level, line)| levels | u128::from(level) << line)
+        let channels = self.dma.iter().flat_map(|dma| &dma.channels);
+        let dma = DMA_INTERRUPTS.into_iter().flatten().zip(channels.map(|channel| channel.irq()));
+        let others = self.interrupts().map(|(_, number, level)| (number, level));
+        dma.chain(others).fold(0, |levels, (number, level)| levels | u128::from(level) << number)
     }
 
     /// Names of the storage registers that were read but never written.
@@ -1044,11 +976,11 @@ mod tests {
     fn interrupts_have_metapacs_numbers() {
         let metapac = stm32_metapac::metadata::METADATA.interrupts;
         let number = |name: &str| metapac.iter().find(|one| one.name == name).map(|one| one.number);
-        for &(name, ours) in irq::NAMES {
+        for (name, ours, _) in chip().interrupts() {
             assert_eq!(Some(ours), number(name), "{name}");
         }
         for channel in 0..8 {
-            for (dma, ours) in [("DMA1", irq::DMA1), ("DMA2", irq::DMA2)] {
+            for (dma, ours) in ["DMA1", "DMA2"].into_iter().zip(DMA_INTERRUPTS) {
                 let name = format!("{dma}_CHANNEL{}", channel + 1);
                 assert_eq!(Some(ours[channel]), number(&name), "{name}");
             }

@@ -15,7 +15,7 @@
 //! [`Cpu::count_cycles`] counts the cost of these, separately from the clock.
 
 use crate::{
-    Cycles, Width,
+    Cycles, Unknown, Width,
     chip::{BadAccess, CCM_LEN, CCM_START, Chip, RAM_LEN, RAM_START, flash, rcc::Reset, rom},
     cycles::{Model, Range, timing},
     nvic::{HARD_FAULT, Masks, NMI, Nvic, Region, SV_CALL},
@@ -117,6 +117,9 @@ pub enum Stop {
     #[error("unicorn: {0}")]
     Emulator(String),
 }
+
+/// What a run or a step of the core gives, unless it ends the run.
+pub type Ran<T = ()> = Result<T, Stop>;
 
 /// A basic block of the program: it executes from its first instruction to its last.
 #[derive(Clone, Copy, Debug, Default)]
@@ -240,48 +243,36 @@ impl Core {
     }
 
     fn reset_wanted(&self) -> Option<Reset> {
-        if self.nvic.reset_wanted() { Some(Reset::Software) } else { self.chip.reset_wanted() }
+        if self.nvic.reset { Some(Reset::Software) } else { self.chip.reset_wanted() }
     }
 
-    fn read(&mut self, address: u32, bytes: usize) -> u32 {
+    /// A write of this value to a bus, or a read, which gives 0 if no model handles it.
+    fn access(&mut self, address: u32, bytes: usize, value: Option<u32>) -> u32 {
         let Some(width) = Width::of(bytes) else { return 0 };
         let outcome = if is_private(address) {
-            self.nvic.read(address, width, self.now).map_err(|unknown| private(address, width, None, unknown.what))
+            let outcome = match value {
+                None => self.nvic.read(address, width, self.now),
+                Some(value) => self.nvic.write(address, value, width, self.now).map(|()| 0),
+            };
+            outcome.map_err(|Unknown { what }| {
+                let offset = address - PRIVATE;
+                BadAccess { address, peripheral: "core", offset, width, value, what }
+            })
         } else {
-            self.chip.read(address, width, self.now)
+            self.chip.access(address, width, value, self.now)
         };
-        let value = outcome.unwrap_or_else(|bad| {
-            self.fail(bad);
+        let word = outcome.unwrap_or_else(|bad| {
+            self.stop.get_or_insert(Stop::Bus(bad));
+            self.failed.get_or_insert(self.block);
             0
         });
         self.model(|model, _| model.register(address));
         self.after_access();
-        value
-    }
-
-    fn write(&mut self, address: u32, bytes: usize, value: u32) {
-        let Some(width) = Width::of(bytes) else { return };
-        let mut changes_regions = false;
-        let outcome = if is_private(address) {
-            let outcome = self.nvic.write(address, value, width, self.now);
-            changes_regions = (MPU..MPU + 0x30).contains(&address);
-            outcome.map_err(|unknown| private(address, width, Some(value), unknown.what))
-        } else {
-            self.chip.write(address, value, width, self.now)
-        };
-        if let Err(bad) = outcome {
-            self.fail(bad);
-        }
-        self.model(|model, _| model.register(address));
-        self.after_access();
-        if changes_regions {
+        // A change of a region takes effect from the next block on.
+        if value.is_some() && (MPU..MPU + 0x30).contains(&address) {
             self.deadline = 0;
         }
-    }
-
-    fn fail(&mut self, bad: BadAccess) {
-        self.stop.get_or_insert(Stop::Bus(bad));
-        self.failed.get_or_insert(self.block);
+        word
     }
 
     /// Reads a vector. MEM_MODE selects the memory at address 0: flash, or the ROM, whose handlers are not modelled.
@@ -332,14 +323,11 @@ fn is_private(address: u32) -> bool {
     address >= PRIVATE && !(DEBUG..DEBUG + 0x400).contains(&address)
 }
 
-fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -> BadAccess {
-    BadAccess { address, peripheral: "core", offset: address - PRIVATE, width, value, what }
-}
-
 /// The core with its chip.
 pub struct Cpu {
     uc: Unicorn<'static, Core>,
-    faults: Faults,
+    /// What happens when the program faults.
+    pub faults: Faults,
     /// The regions last set in unicorn.
     regions: Vec<Region>,
     /// The hook that sees writes, until the first write to each part is lost.
@@ -377,7 +365,7 @@ impl From<uc_error> for Stop {
 
 impl Cpu {
     /// A core on this chip, whose flash is already loaded. Call [`Self::reset`] before running.
-    pub fn new(chip: Chip) -> Result<Self, Stop> {
+    pub fn new(chip: Chip) -> Ran<Self> {
         let core = Core {
             chip,
             nvic: Nvic::default(),
@@ -409,13 +397,8 @@ impl Cpu {
         Ok(Self { uc, faults: Faults::default(), regions: Vec::new(), writes: None, accesses: None })
     }
 
-    /// Sets what happens when the program faults from now on.
-    pub fn set_faults(&mut self, faults: Faults) {
-        self.faults = faults;
-    }
-
     /// Counts cycles from now on ([`Core::cycles`]), which about doubles the run time on the host.
-    pub fn count_cycles(&mut self) -> Result<(), Stop> {
+    pub fn count_cycles(&mut self) -> Ran {
         self.count_no_cycles()?;
         let core = self.core_mut();
         core.model = Some(Box::new(Model::new(core.chip.transfers)));
@@ -433,7 +416,7 @@ impl Cpu {
     }
 
     /// Stops counting, so that the program runs fast again.
-    pub fn count_no_cycles(&mut self) -> Result<(), Stop> {
+    pub fn count_no_cycles(&mut self) -> Ran {
         self.core_mut().model = None;
         let Some(hook) = self.accesses.take() else { return Ok(()) };
         self.uc.remove_hook(hook)?;
@@ -461,12 +444,12 @@ impl Cpu {
     }
 
     /// Changes a register between runs.
-    pub fn set(&mut self, register: R, value: u32) -> Result<(), Stop> {
+    pub fn set(&mut self, register: R, value: u32) -> Ran {
         Ok(self.uc.reg_write(register, u64::from(value))?)
     }
 
     /// Sets the flash size that the chip reports \[KB\].
-    pub fn set_flash_kb(&mut self, kb: u16) -> Result<(), Stop> {
+    pub fn set_flash_kb(&mut self, kb: u16) -> Ran {
         Ok(self.uc.mem_write(rom::FLASH_KB_AT.into(), &kb.to_le_bytes())?)
     }
 
@@ -486,7 +469,7 @@ impl Cpu {
     }
 
     /// Arms the erratum that loses the first write to each SRAM part, if it applies.
-    fn lose_first_writes(&mut self) -> Result<(), Stop> {
+    fn lose_first_writes(&mut self) -> Ran {
         if !self.core().chip.errata().first_write_lost {
             return Ok(());
         }
@@ -510,7 +493,7 @@ impl Cpu {
     }
 
     /// Undoes the writes that are lost.
-    fn lose_write(&mut self) -> Result<(), Stop> {
+    fn lose_write(&mut self) -> Ran {
         let core = self.core_mut();
         for (address, old) in std::mem::take(&mut core.losing) {
             let Some(place) = core.chip.ram_mut(address, old.len()) else { continue };
@@ -529,7 +512,7 @@ impl Cpu {
     }
 
     /// Starts from the vectors in flash.
-    pub fn reset(&mut self) -> Result<(), Stop> {
+    pub fn reset(&mut self) -> Ran {
         self.lose_first_writes()?;
         let core = self.core_mut();
         core.nvic = Nvic::default();
@@ -544,14 +527,14 @@ impl Cpu {
     }
 
     /// Starts at the ROM's boot loader vectors, after a start that selects the ROM.
-    pub fn enter_rom(&mut self) -> Result<(), Stop> {
+    pub fn enter_rom(&mut self) -> Ran {
         let [stack, start] = rom::VECTORS;
         self.set(R::SP, stack)?;
         self.set(R::PC, start)
     }
 
     /// Lets time pass without executing instructions.
-    pub fn pass(&mut self, cycles: Cycles) -> Result<(), Stop> {
+    pub fn pass(&mut self, cycles: Cycles) -> Ran {
         let core = self.core_mut();
         core.now += cycles;
         core.limit = core.limit.max(core.now);
@@ -560,7 +543,7 @@ impl Cpu {
     }
 
     /// Discards decoded and translated code after the program in flash has changed.
-    pub fn forget_code(&mut self) -> Result<(), Stop> {
+    pub fn forget_code(&mut self) -> Ran {
         let core = self.core_mut();
         core.blocks.fill(Block::default());
         core.model(|model, _| model.forget_code());
@@ -568,7 +551,7 @@ impl Cpu {
     }
 
     /// Enters a program as a boot loader does: SP and PC come from its vectors, everything else stays.
-    pub fn jump(&mut self, vectors: u32) -> Result<(), Stop> {
+    pub fn jump(&mut self, vectors: u32) -> Ran {
         let core = self.core_mut();
         (core.asleep, core.stop, core.failed, core.unmapped) = (None, None, None, None);
         let vector = |at: u32| core.vector(vectors + at).unwrap_or(0);
@@ -579,7 +562,7 @@ impl Cpu {
 
     /// Runs until `until`: exactly if the core sleeps then, else to the end of the block. A reset request ends the run
     /// early.
-    pub fn run(&mut self, until: Cycles) -> Result<Option<Reset>, Stop> {
+    pub fn run(&mut self, until: Cycles) -> Ran<Option<Reset>> {
         self.core_mut().limit = until;
         loop {
             let core = self.core_mut();
@@ -632,7 +615,7 @@ impl Cpu {
     }
 
     /// Applies the MPU's regions to unicorn.
-    fn protect(&mut self) -> Result<(), Stop> {
+    fn protect(&mut self) -> Ran {
         let regions = self.core().nvic.regions(Self::masks(&self.uc));
         if regions == self.regions {
             return Ok(());
@@ -652,7 +635,7 @@ impl Cpu {
     }
 
     /// Runs unicorn until something must be handled.
-    fn execute(&mut self) -> Result<(), Stop> {
+    fn execute(&mut self) -> Ran {
         self.protect()?;
         self.core_mut().pause = Pause::Itself;
         let pc = self.register(R::PC);
@@ -683,7 +666,7 @@ impl Cpu {
         Ok(())
     }
 
-    fn fault(&mut self, error: uc_error) -> Result<(), Stop> {
+    fn fault(&mut self, error: uc_error) -> Ran {
         let taken = self.faults == Faults::Taken;
         let regions = self.regions.clone();
         let core = self.core_mut();
@@ -711,7 +694,7 @@ impl Cpu {
     }
 
     /// Stacks the frame of an exception and enters its handler (B1.5.6).
-    fn enter(&mut self, exception: usize) -> Result<(), Stop> {
+    fn enter(&mut self, exception: usize) -> Ran {
         let control = self.register(R::CONTROL);
         let thread = self.core().nvic.depth() == 0;
         let floats = control & FPCA != 0;
@@ -763,7 +746,7 @@ impl Cpu {
     }
 
     /// Returns to the code that an exception interrupted (B1.5.8).
-    fn leave(&mut self, exc_return: u32) -> Result<(), Stop> {
+    fn leave(&mut self, exc_return: u32) -> Ran {
         let core = self.core_mut();
         let Some(ended) = core.nvic.leave() else { return Err(Stop::Return(exc_return)) };
         core.now += EXCEPTION_CYCLES;
@@ -835,10 +818,10 @@ fn map(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
             start.into(),
             len as u64,
             Some(move |uc: &mut Unicorn<Core>, offset: u64, bytes: usize| {
-                u64::from(uc.get_data_mut().read(start + offset as u32, bytes))
+                u64::from(uc.get_data_mut().access(start + offset as u32, bytes, None))
             }),
             Some(move |uc: &mut Unicorn<Core>, offset: u64, bytes: usize, value: u64| {
-                uc.get_data_mut().write(start + offset as u32, bytes, value as u32);
+                uc.get_data_mut().access(start + offset as u32, bytes, Some(value as u32));
             }),
         )?;
     }
@@ -879,7 +862,7 @@ fn before_block(uc: &mut Unicorn<Core>, address: u64, bytes: u32) {
         }
     });
     if block.sends_event {
-        core.nvic.set_event();
+        core.nvic.event = true;
     }
 }
 

@@ -35,12 +35,12 @@ const REGISTERS: std::ops::Range<u32> = 0x4000_0000..0x6000_0000;
 const LINE: u32 = 32;
 const INSTRUCTION_LINES: usize = 32;
 const DATA_LINES: usize = 8;
-const REFILL: Range = Range { least: 1, most: 3 };
-const UNALIGNED: Range = Range { least: 1, most: 2 };
-const PERIPHERAL: Range = Range { least: 0, most: 8 };
-const TRANSFER: Range = Range { least: 0, most: 2 };
-const ENTRY: Range = Range { least: 12, most: 29 };
-const RETURN: Range = Range { least: 10, most: 29 };
+const REFILL: Range = Range::new(1, 3);
+const UNALIGNED: Range = Range::new(1, 2);
+const PERIPHERAL: Range = Range::new(0, 8);
+const TRANSFER: Range = Range::new(0, 2);
+const ENTRY: Range = Range::new(12, 29);
+const RETURN: Range = Range::new(10, 29);
 /// Least cycles for the return from one exception and the entry of another that follows at once.
 const TAIL_CHAIN: u64 = 6;
 /// Bytes that the core prefetches.

@@ -11,7 +11,8 @@ pub struct ElfError(String);
 /// The parts of an ELF file that the twin needs.
 #[derive(Clone, Debug, Default)]
 pub struct Elf {
-    segments: Vec<(u32, Vec<u8>)>,
+    /// Flash addresses and contents.
+    pub segments: Vec<(u32, Vec<u8>)>,
     symbols: BTreeMap<String, u32>,
     /// Start and end of each function, by start.
     functions: Vec<(u32, u32, String)>,
@@ -43,11 +44,6 @@ impl Elf {
         }
         elf.functions.sort();
         Ok(elf)
-    }
-
-    /// Flash addresses and contents.
-    pub fn segments(&self) -> &[(u32, Vec<u8>)] {
-        &self.segments
     }
 
     /// The address of a symbol.

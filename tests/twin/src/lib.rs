@@ -17,6 +17,17 @@
 //!
 //! Licence: unicorn is GPL-2.0. This crate is for tests only and is not linked into anything that ships.
 
+/// Declares the registers of a peripheral as constants: the offset of each, and in braces the numbers of its bits,
+/// whose masks have the given type.
+macro_rules! registers {
+    ($type:ty: $($visible:vis $register:ident $offset:literal $({ $($bit:ident $number:literal),+ })?),+ $(,)?) => {
+        $(
+            $visible const $register: u32 = $offset;
+            $($(const $bit: $type = 1 << $number;)+)?
+        )+
+    };
+}
+
 pub mod bench;
 pub mod board;
 pub mod boot_rom;
@@ -38,5 +49,5 @@ pub mod world;
 
 pub use board::Board;
 pub use chip::clocks::Cycles;
-pub use registers::{Registers, Storage, Unknown, Width};
+pub use registers::{Modelled, Registers, Storage, Unknown, Width};
 pub use world::World;

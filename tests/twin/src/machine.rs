@@ -24,7 +24,7 @@ use crate::{
         rom::{self, Left},
         rules::Rules,
     },
-    cpu::{Cpu, Faults, Place, Stop},
+    cpu::{Cpu, Faults, Place, Ran, Stop},
     cycles::Range,
     elf::{Elf, ElfError},
 };
@@ -162,13 +162,18 @@ impl Default for Options {
 
 /// The board with its firmware.
 pub struct Machine {
-    cpu: Cpu,
-    elf: Elf,
+    /// The core with its interrupt controller.
+    pub cpu: Cpu,
+    /// The image's symbols.
+    pub elf: Elf,
     seed: u64,
-    resets: Vec<(f64, Reset)>,
-    boot0: bool,
-    /// How the boot loader leaves, if the machine simulates it. If none, entering the boot loader ends the run.
-    serves: Option<Left>,
+    /// Time and cause of every start so far, power-on included.
+    pub resets: Vec<(f64, Reset)>,
+    /// Level of BOOT0. It takes effect at the next start if the option bytes select the pin.
+    pub boot0: bool,
+    /// How the boot loader leaves, if the machine simulates it: once entered, it waits for firmware on USB. If none,
+    /// entering the boot loader ends the run.
+    pub serves: Option<Left>,
     /// The boot loader, while it runs.
     rom: Option<BootRom>,
 }
@@ -185,15 +190,15 @@ impl Machine {
         let mut chip = Chip::new(options.board, Box::new(world));
         chip.set_errata(options.errata);
         chip.set_rules(options.rules);
-        for (address, bytes) in elf.segments() {
+        for (address, bytes) in &elf.segments {
             if !chip.flash.load(*address, bytes) {
                 return Err(StartError::Outside { address: *address, len: bytes.len() });
             }
         }
         let mut cpu = Cpu::new(chip)?;
-        cpu.set_faults(options.faults);
+        cpu.faults = options.faults;
         cpu.set_flash_kb(options.flash_kb)?;
-        cpu.core_mut().chip.flash.set_size_kb(options.flash_kb);
+        cpu.core_mut().chip.flash.size_kb = options.flash_kb;
         let mut machine =
             Self { cpu, elf, seed: options.seed, resets: Vec::new(), boot0: false, serves: None, rom: None };
         machine.power_cut()?;
@@ -220,21 +225,6 @@ impl Machine {
         &mut self.cpu.core_mut().chip
     }
 
-    /// The core with its interrupt controller.
-    pub fn cpu(&self) -> &Cpu {
-        &self.cpu
-    }
-
-    /// The core with its interrupt controller, to be changed between runs.
-    pub fn cpu_mut(&mut self) -> &mut Cpu {
-        &mut self.cpu
-    }
-
-    /// The image's symbols.
-    pub fn elf(&self) -> &Elf {
-        &self.elf
-    }
-
     /// Runs until a time in seconds since power-on.
     pub fn run_until(&mut self, time_s: f64) -> Result<(), Ended> {
         loop {
@@ -251,7 +241,7 @@ impl Machine {
             }
             match self.cpu.run(slice) {
                 Ok(None) => {}
-                Ok(Some(cause)) => self.restart(cause).map_err(|stop| self.ended(stop))?,
+                Ok(Some(cause)) => self.reset_by(cause).map_err(|stop| self.ended(stop))?,
                 Err(Stop::Bootloader) if self.serves.is_some() => self.rom = Some(BootRom::default()),
                 Err(stop) => return Err(self.ended(stop)),
             }
@@ -287,27 +277,22 @@ impl Machine {
         Ended { stop, place, pc_function, lr_function, time_s: self.time_s() }
     }
 
-    /// Makes the boot loader, once entered, wait for firmware on USB and leave in this way.
-    pub fn serve_rom(&mut self, left: Left) {
-        self.serves = Some(left);
-    }
-
     /// Whether the boot loader is running.
     pub fn is_in_rom(&self) -> bool {
         self.rom.is_some()
     }
 
-    fn look_into_rom(&mut self, until: Cycles) -> Result<(), Stop> {
+    fn look_into_rom(&mut self, until: Cycles) -> Ran {
         let now = self.now();
         let look = self.chip().clocks.cycles_in(LOOK_S).max(1);
         self.cpu.pass(look.min(until - now))?;
         let now = self.now();
         let Some(mut rom) = self.rom.take() else { return Ok(()) };
         rom.look(self.chip_mut(), now);
-        match self.serves.filter(|_| rom.has_left()) {
+        match self.serves.filter(|_| rom.left) {
             Some(left) => {
                 self.cpu.forget_code()?;
-                self.jump_from_rom(left)
+                self.leave_rom(left)
             }
             None => {
                 self.rom = Some(rom);
@@ -316,7 +301,8 @@ impl Machine {
         }
     }
 
-    fn restart(&mut self, cause: Reset) -> Result<(), Stop> {
+    /// Resets the chip for this cause.
+    pub fn reset_by(&mut self, cause: Reset) -> Ran {
         let (now, time_s) = (self.now(), self.time_s());
         self.resets.push((time_s, cause));
         self.chip_mut().reset(cause, now);
@@ -326,33 +312,19 @@ impl Machine {
         self.cpu.reset()?;
         match self.chip().flash.boots(self.boot0) {
             Boot::Flash => Ok(()),
-            Boot::EitherBank => self.jump_from_rom(Left::Running),
+            Boot::EitherBank => self.leave_rom(Left::Running),
             Boot::Rom => self.cpu.enter_rom(),
             Boot::Ram => Err(Stop::Ram),
         }
     }
 
-    /// Sets the level of BOOT0. It takes effect at the next start if the option bytes select the pin.
-    pub fn set_boot0(&mut self, level: bool) {
-        self.boot0 = level;
-    }
-
     /// Resets the chip with the reset button.
-    pub fn reset(&mut self) -> Result<(), StartError> {
-        Ok(self.restart(Reset::Pin)?)
-    }
-
-    /// Resets the chip for this cause.
-    pub fn reset_by(&mut self, cause: Reset) -> Result<(), StartError> {
-        Ok(self.restart(cause)?)
+    pub fn reset(&mut self) -> Ran {
+        self.reset_by(Reset::Pin)
     }
 
     /// Makes the ROM's boot loader jump to the program, as its "leave" and "go" commands do.
-    pub fn leave_rom(&mut self, left: Left) -> Result<(), StartError> {
-        Ok(self.jump_from_rom(left)?)
-    }
-
-    fn jump_from_rom(&mut self, left: Left) -> Result<(), Stop> {
+    pub fn leave_rom(&mut self, left: Left) -> Ran {
         let noise = rom::noise();
         self.chip_mut().ram.bytes_mut()[..noise.len()].copy_from_slice(&noise);
         for &(address, value) in left.writes() {
@@ -374,16 +346,11 @@ impl Machine {
     }
 
     /// Removes and restores power. Flash keeps its contents; RAM contents are undefined.
-    pub fn power_cut(&mut self) -> Result<(), StartError> {
+    pub fn power_cut(&mut self) -> Ran {
         self.seed = self.seed.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
         let seed = self.seed;
         self.chip_mut().lose_power(seed);
-        Ok(self.restart(Reset::Power)?)
-    }
-
-    /// Time and cause of every start so far, power-on included.
-    pub fn resets(&self) -> &[(f64, Reset)] {
-        &self.resets
+        self.reset_by(Reset::Power)
     }
 
     /// The core's activity since power was first applied.
@@ -396,11 +363,6 @@ impl Machine {
             instructions: core.instructions,
             awake: core.cycles(),
         }
-    }
-
-    /// Core frequency set in the registers \[Hz\].
-    pub fn clock_hz(&self) -> f64 {
-        self.chip().clocks.hclk_hz
     }
 
     /// Sends bytes from the computer on the serial link.
@@ -425,11 +387,6 @@ impl Machine {
         let words = self.chip().bytes(end, len)?;
         let untouched = words.chunks_exact(4).take_while(|word| **word == PAINT.to_le_bytes()).count() * 4;
         Some(StackUse { used: len - untouched, available: len })
-    }
-
-    /// A copy of the flash's non-volatile contents.
-    pub fn flash(&self) -> flash::Contents {
-        self.chip().flash.contents()
     }
 }
 

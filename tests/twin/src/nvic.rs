@@ -10,7 +10,8 @@
 //! - *priority*: lower is more urgent: -2 NMI, -1 HardFault, 0 to 240 the rest in steps of 16 (four bits on this chip),
 //!   [`THREAD`] when nothing is active.
 
-use crate::{Cycles, Storage, Unknown, Width};
+use crate::registers::refuse;
+use crate::{Cycles, Modelled, Storage, Unknown, Width};
 
 /// Priority of thread mode, less urgent than any exception.
 pub const THREAD: i32 = 256;
@@ -32,10 +33,23 @@ const EXISTING: u128 = (1 << (FIRST_INTERRUPT + INTERRUPTS)) - 1;
 /// The four implemented priority bits.
 const PRIORITY_BITS: u8 = 0xf0;
 
-const SEVONPEND: u32 = 1 << 4;
-/// AIRCR: the key that a write must carry, and the bit that requests a reset.
+registers! { u32:
+    // Requests a reset.
+    AIRCR 0xd0c { SYSRESETREQ 2 },
+    SCR 0xd10 { SEVONPEND 4 },
+    CFSR 0xd28,
+    HFSR 0xd2c,
+    MMFAR 0xd34,
+    BFAR 0xd38,
+    CPACR 0xd88,
+    // Enabled; also enabled in the handlers of NMI and HardFault; default memory map outside the regions.
+    MPU_CTRL 0xd94 { MPU_ENABLE 0, MPU_IN_FAULTS 1, MPU_BACKGROUND 2 },
+    MPU_RNR 0xd98,
+    MPU_RBAR 0xd9c,
+    DEMCR 0xdfc,
+}
+/// AIRCR: the key that a write must carry.
 const VECTKEY: u32 = 0x05fa;
-const SYSRESETREQ: u32 = 1 << 2;
 /// CPACR: full access to the FPU.
 const FPU_ACCESS: u32 = 0xf << 20;
 
@@ -44,24 +58,10 @@ const IPR: u32 = 0x400;
 const IPR_END: u32 = 0x468;
 const SHPR: u32 = 0xd18;
 const SHPR_END: u32 = 0xd24;
-const SCR: u32 = 0xd10;
-const CPACR: u32 = 0xd88;
-const CFSR: u32 = 0xd28;
-const HFSR: u32 = 0xd2c;
-const BFAR: u32 = 0xd38;
-const DEMCR: u32 = 0xdfc;
-const MMFAR: u32 = 0xd34;
-const MPU_CTRL: u32 = 0xd94;
-const MPU_RNR: u32 = 0xd98;
-const MPU_RBAR: u32 = 0xd9c;
 /// End of RASR and of the three aliases of RBAR and RASR.
 const MPU_END: u32 = 0xdbc;
 /// Number of MPU regions (PM0214 4.5).
 const REGIONS: usize = 8;
-/// MPU_CTRL: enabled; also enabled in the handlers of NMI and HardFault; default memory map outside the regions.
-const MPU_ENABLE: u32 = 1 << 0;
-const MPU_IN_FAULTS: u32 = 1 << 1;
-const MPU_BACKGROUND: u32 = 1 << 2;
 
 /// Access that the MPU grants privileged code in an address range (B3.5.9).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,22 +85,20 @@ impl Region {
     }
 
     /// Decodes RBAR and RASR; none if the region is disabled.
-    fn decode(base: u32, attributes: u32) -> Result<Option<Self>, Unknown> {
+    fn decode(base: u32, attributes: u32) -> Modelled<Option<Self>> {
         if attributes & 1 == 0 {
             return Ok(None);
         }
         let size = attributes >> 1 & 0x1f;
         if !(9..31).contains(&size) || attributes & 0xff00 != 0 {
-            return Err(Unknown {
-                what: "MPU regions below 1 KB, of 4 GB or with disabled subregions are not modelled",
-            });
+            return refuse("MPU regions below 1 KB, of 4 GB or with disabled subregions are not modelled");
         }
         let len = 2 << size;
         let (read, write) = match attributes >> 24 & 7 {
             0 => (false, false),
             1..=3 => (true, true),
             5..=7 => (true, false),
-            _ => return Err(Unknown { what: "MPU_RASR.AP: reserved" }),
+            _ => return refuse("MPU_RASR.AP: reserved"),
         };
         let execute = read && attributes & 1 << 28 == 0;
         Ok(Some(Self { start: base & !(len - 1), len, read, write, execute }))
@@ -187,10 +185,12 @@ pub struct Nvic {
     cycle_counter_on: bool,
     /// Cycles by which the cycle counter lags behind the machine's clock.
     cycle_counter_lag: u32,
-    event: bool,
+    /// The event register, which SEV sets.
+    pub event: bool,
     /// What was pending at the last check; anything else that is pending is new.
     seen: u128,
-    reset: bool,
+    /// The program requested a reset.
+    pub reset: bool,
 }
 
 impl Default for Nvic {
@@ -322,7 +322,7 @@ impl Nvic {
 
     /// Records a bus fault at this address. It escalates to HardFault, as BusFault is never enabled here.
     pub fn bus_fault(&mut self, address: u32) {
-        self.storage.set(BFAR, address);
+        self.storage[BFAR] = address;
         // PRECISERR, BFARVALID.
         self.hard_fault(1 << 9 | 1 << 15);
     }
@@ -332,7 +332,7 @@ impl Nvic {
         // IACCVIOL, or DACCVIOL with MMARVALID.
         let status = if executing { 1 << 0 } else { 1 << 1 | 1 << 7 };
         if !executing {
-            self.storage.set(MMFAR, address);
+            self.storage[MMFAR] = address;
         }
         self.hard_fault(status);
     }
@@ -340,7 +340,7 @@ impl Nvic {
     /// The regions that the MPU currently enforces, in ascending precedence. Empty while the MPU is off, and in fault
     /// handlers if it does not apply there.
     pub fn regions(&self, masks: Masks) -> Vec<Region> {
-        let control = self.storage.get(MPU_CTRL);
+        let control = self.storage[MPU_CTRL];
         let in_fault = masks.faultmask || self.active.iter().any(|active| active.priority < 0);
         if control & MPU_ENABLE == 0 || in_fault && control & MPU_IN_FAULTS == 0 {
             return Vec::new();
@@ -356,9 +356,9 @@ impl Nvic {
 
     /// Records a fault's bits in CFSR, and its escalation.
     fn hard_fault(&mut self, status: u32) {
-        self.storage.set(CFSR, self.storage.get(CFSR) | status);
+        self.storage[CFSR] |= status;
         // FORCED.
-        self.storage.set(HFSR, self.storage.get(HFSR) | 1 << 30);
+        self.storage[HFSR] |= 1 << 30;
         self.pend_system(HARD_FAULT);
     }
 
@@ -383,24 +383,14 @@ impl Nvic {
         self.active.len()
     }
 
-    /// Sets the event register, as SEV does.
-    pub fn set_event(&mut self) {
-        self.event = true;
-    }
-
     /// Clears the event register, on which WFE waits; returns its previous value.
     pub fn take_event(&mut self) -> bool {
         std::mem::take(&mut self.event)
     }
 
-    /// Whether the program requested a reset.
-    pub fn reset_wanted(&self) -> bool {
-        self.reset
-    }
-
     /// Whether CPACR grants full access to the FPU.
     pub fn fpu_is_on(&self) -> bool {
-        self.storage.get(CPACR) & FPU_ACCESS == FPU_ACCESS
+        self.storage[CPACR] & FPU_ACCESS == FPU_ACCESS
     }
 
     /// Advances SysTick to `now` and detects newly pending exceptions.
@@ -411,7 +401,7 @@ impl Nvic {
         let pending = self.pending_exceptions();
         let new = pending & !self.seen != 0;
         self.seen = pending;
-        if new && self.storage.get(SCR) & SEVONPEND != 0 {
+        if new && self.storage[SCR] & SEVONPEND != 0 {
             self.event = true;
         }
     }
@@ -432,7 +422,7 @@ impl Nvic {
     }
 
     /// A read on the private peripheral bus, 0xE000_0000 and up.
-    pub fn read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    pub fn read(&mut self, address: u32, width: Width, now: Cycles) -> Modelled<u32> {
         let word = match address & !3 {
             0xe000_1000 => 0x4000_0000 | u32::from(self.cycle_counter_on),
             0xe000_1004 => self.cycle_count(now),
@@ -446,7 +436,7 @@ impl Nvic {
         if self.cycle_counter_on { (now as u32).wrapping_sub(self.cycle_counter_lag) } else { self.cycle_counter_lag }
     }
 
-    fn read_scs(&mut self, register: u32, now: Cycles) -> Result<u32, Unknown> {
+    fn read_scs(&mut self, register: u32, now: Cycles) -> Modelled<u32> {
         // The word of a set of interrupts, 32 bits each.
         let word = |set: u128| (set >> shift(register)) as u32;
         Ok(match register {
@@ -465,19 +455,18 @@ impl Nvic {
             0xd00 => 0x410f_c241,
             0xd04 => self.control_state(),
             0xd08 => self.vector_table,
-            0xd0c => 0xfa05_0000 | self.group << 8,
+            AIRCR => 0xfa05_0000 | self.group << 8,
             MPU_RBAR..MPU_END => {
                 let number = self.region();
                 let (base, attributes) = self.regions[number];
                 if register & 4 == MPU_RBAR & 4 { base | number as u32 } else { attributes }
             }
-            _ if self.storage.contains(register) => self.storage.get(register),
-            _ => return Err(Unknown::REGISTER),
+            _ => self.storage.load(register)?,
         })
     }
 
     /// A write on the private peripheral bus.
-    pub fn write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    pub fn write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         match address & !3 {
             0xe000_1000 => {
                 let count = self.cycle_count(now);
@@ -485,7 +474,7 @@ impl Nvic {
                 self.set_cycle_count(count, now);
                 // All other bits are for profiling.
                 if value & !1 & 0x0fff_ffff != 0 {
-                    return Err(Unknown { what: "DWT: only CYCCNT is modelled" });
+                    return refuse("DWT: only CYCCNT is modelled");
                 }
                 Ok(())
             }
@@ -502,15 +491,15 @@ impl Nvic {
 
     /// The region that RBAR and RASR access.
     fn region(&self) -> usize {
-        self.storage.get(MPU_RNR) as usize % REGIONS
+        self.storage[MPU_RNR] as usize % REGIONS
     }
 
     /// A write to RBAR or RASR, or to one of their three aliases.
-    fn write_region(&mut self, register: u32, value: u32) -> Result<(), Unknown> {
+    fn write_region(&mut self, register: u32, value: u32) -> Modelled {
         let is_base = register & 4 == MPU_RBAR & 4;
         // VALID: the write includes the region number.
         if is_base && value & 1 << 4 != 0 {
-            self.storage.set(MPU_RNR, value & 0xf);
+            self.storage[MPU_RNR] = value & 0xf;
         }
         let number = self.region();
         let region = &mut self.regions[number];
@@ -526,7 +515,7 @@ impl Nvic {
         self.cycle_counter_lag = if self.cycle_counter_on { (now as u32).wrapping_sub(count) } else { count };
     }
 
-    fn write_scs(&mut self, register: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write_scs(&mut self, register: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let set = u128::from(value) << shift(register);
         let by_byte = matches!(register, IPR..IPR_END | SHPR..SHPR_END);
         if width != Width::Word && !by_byte {
@@ -560,23 +549,25 @@ impl Nvic {
                 self.pending &= !(bit(27, PEND_SV) | bit(25, SYS_TICK));
             }
             0xd08 => self.vector_table = value & !0x7f,
-            0xd0c => {
+            AIRCR => {
                 if value >> 16 != VECTKEY {
-                    return Err(Unknown { what: "AIRCR written without VECTKEY" });
+                    return refuse("AIRCR written without VECTKEY");
                 }
                 self.group = value >> 8 & 7;
                 self.reset |= value & SYSRESETREQ != 0;
             }
             // Writing 1 clears a bit.
-            CFSR | HFSR => self.storage.set(register, self.storage.get(register) & !value),
+            CFSR | HFSR => self.storage[register] &= !value,
             0xf00 => self.pending |= 1_u128 << (value & 0x7f) << FIRST_INTERRUPT & EXISTING,
             // Cache and branch predictor maintenance. An M4 has neither.
             0xf50..=0xf78 => {}
             MPU_CTRL if value & MPU_ENABLE != 0 && value & MPU_BACKGROUND == 0 => {
-                return Err(Unknown { what: "MPU without PRIVDEFENA is not modelled" });
+                return refuse("MPU without PRIVDEFENA is not modelled");
             }
             MPU_RBAR..MPU_END => self.write_region(register, value)?,
-            _ => self.storage.write(register, value, width)?,
+            _ => {
+                self.storage.store(register, value, width)?;
+            }
         }
         Ok(())
     }
@@ -767,7 +758,7 @@ mod tests {
         let mut nvic = Nvic::default();
         assert!(nvic.write(0xe000_ed0c, 4, Width::Word, 0).is_err(), "without the key");
         write(&mut nvic, 0xd0c, VECTKEY << 16 | SYSRESETREQ);
-        assert!(nvic.reset_wanted());
+        assert!(nvic.reset);
         assert!(!nvic.fpu_is_on());
         write(&mut nvic, CPACR, 0xf << 20);
         assert!(nvic.fpu_is_on());

@@ -1,6 +1,7 @@
 //! A peripheral as seen from the bus: its registers, and the time of its next event.
 
 use crate::chip::clocks::{Clocks, Cycles};
+use std::ops::{Index, IndexMut};
 
 /// Width of a bus access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,16 +62,28 @@ impl Unknown {
     pub const WIDTH: Self = Self { what: "the register accepts only word accesses" };
 }
 
+/// What an access gives, unless the model does not handle it.
+pub type Modelled<T = ()> = Result<T, Unknown>;
+
 /// The registers of a peripheral.
 ///
 /// `offset` is relative to the peripheral's base address and keeps its two low bits. An access never crosses a word.
 /// `now` never decreases.
 pub trait Registers {
+    /// Reads the whole word of a register, side effects included. `advance` has been called for this time.
+    fn word(&mut self, register: u32, now: Cycles) -> Modelled<u32> {
+        let _ = (register, now);
+        Err(Unknown::REGISTER)
+    }
+
     /// A read by the core or by DMA, side effects included.
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown>;
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
+        self.advance(now);
+        Ok(width.part(self.word(offset & !3, now)?, offset))
+    }
 
     /// A write by the core or by DMA.
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown>;
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled;
 
     /// Earliest time at which an interrupt request or another peripheral may change without an access. May be too
     /// early, never too late.
@@ -97,8 +110,8 @@ pub trait Registers {
     }
 }
 
-/// Registers that are plain storage.
-#[derive(Clone, Debug)]
+/// Registers that are plain storage. For the hardware they are indexed by their offset.
+#[derive(Clone, Debug, Default)]
 pub struct Storage {
     cells: Vec<Cell>,
 }
@@ -127,51 +140,37 @@ impl Storage {
         Self { cells: registers.iter().map(cell).collect() }
     }
 
-    fn cell(&mut self, offset: u32) -> Result<&mut Cell, Unknown> {
-        self.cells.iter_mut().find(|cell| cell.offset == offset & !3).ok_or(Unknown::REGISTER)
+    /// Creates registers that programs read to change single bits: a read before any write is not listed.
+    pub fn shared(registers: &[(u32, u32, u32)]) -> Self {
+        let mut storage = Self::new(registers);
+        storage.cells.iter_mut().for_each(|cell| cell.written = true);
+        storage
+    }
+
+    /// These registers and others.
+    pub fn and(mut self, others: Self) -> Self {
+        self.cells.extend(others.cells);
+        self
+    }
+
+    fn cell(&mut self, register: u32) -> Modelled<&mut Cell> {
+        self.cells.iter_mut().find(|cell| cell.offset == register).ok_or(Unknown::REGISTER)
     }
 
     /// A read by the program.
-    pub fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unknown> {
-        let cell = self.cell(offset)?;
+    pub fn load(&mut self, register: u32) -> Modelled<u32> {
+        let cell = self.cell(register)?;
         cell.read_unwritten |= !cell.written;
-        Ok(width.part(cell.value, offset))
+        Ok(cell.value)
     }
 
-    /// A write by the program; bits that are not writable keep their value.
-    pub fn write(&mut self, offset: u32, value: u32, width: Width) -> Result<(), Unknown> {
-        let cell = self.cell(offset)?;
-        let word = width.replace(cell.value, offset, value);
-        cell.value = (cell.value & !cell.writable) | (word & cell.writable);
+    /// A write by the program; bits that are not writable keep their value. Returns the word before it.
+    pub fn store(&mut self, offset: u32, value: u32, width: Width) -> Modelled<u32> {
+        let cell = self.cell(offset & !3)?;
+        let before = cell.value;
+        cell.value = before & !cell.writable | width.replace(before, offset, value) & cell.writable;
         cell.written = true;
-        Ok(())
-    }
-
-    /// Whether there is a register at this offset.
-    pub fn contains(&self, offset: u32) -> bool {
-        self.cells.iter().any(|cell| cell.offset == offset & !3)
-    }
-
-    /// A register's value as the hardware sees it.
-    ///
-    /// # Panics
-    /// If there is no register at this offset, which is an error in the model.
-    pub fn get(&self, offset: u32) -> u32 {
-        match self.cells.iter().find(|cell| cell.offset == offset) {
-            Some(cell) => cell.value,
-            None => panic!("no register at {offset:#x}"),
-        }
-    }
-
-    /// Changes a register from the hardware side.
-    ///
-    /// # Panics
-    /// If there is no register at this offset, which is an error in the model.
-    pub fn set(&mut self, offset: u32, value: u32) {
-        match self.cells.iter_mut().find(|cell| cell.offset == offset) {
-            Some(cell) => cell.value = value,
-            None => panic!("no register at {offset:#x}"),
-        }
+        Ok(before)
     }
 
     /// Sets all registers to their reset values; the record of reads and writes is kept.
@@ -180,26 +179,55 @@ impl Storage {
             cell.value = cell.reset;
         }
     }
+}
 
-    /// Offsets of registers that were read before any write.
-    pub fn unwritten_reads(&self) -> Vec<u32> {
+/// A register's value as the hardware sees it. Panics if there is none at this offset, which is an error in the model.
+impl Index<u32> for Storage {
+    type Output = u32;
+
+    fn index(&self, register: u32) -> &u32 {
+        match self.cells.iter().find(|cell| cell.offset == register) {
+            Some(cell) => &cell.value,
+            None => panic!("no register at {register:#x}"),
+        }
+    }
+}
+
+impl IndexMut<u32> for Storage {
+    fn index_mut(&mut self, register: u32) -> &mut u32 {
+        match self.cell(register) {
+            Ok(cell) => &mut cell.value,
+            Err(_) => panic!("no register at {register:#x}"),
+        }
+    }
+}
+
+impl Registers for Storage {
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        self.load(register)
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
+        self.store(offset, value, width).map(|_| ())
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        self.reset();
+    }
+
+    fn unwritten_reads(&self) -> Vec<u32> {
         self.cells.iter().filter(|cell| cell.read_unwritten).map(|cell| cell.offset).collect()
     }
 }
 
 /// The error that ends the run.
-pub fn refuse<T>(what: &'static str) -> Result<T, Unknown> {
+pub fn refuse<T>(what: &'static str) -> Modelled<T> {
     Err(Unknown { what })
 }
 
 /// The same where a condition holds.
-pub fn refuse_if(condition: bool, what: &'static str) -> Result<(), Unknown> {
+pub fn refuse_if(condition: bool, what: &'static str) -> Modelled {
     if condition { refuse(what) } else { Ok(()) }
-}
-
-/// Reads a register without listing it as read before any write: programs read it to change single bits.
-pub fn peek(storage: &Storage, offset: u32, width: Width) -> Result<u32, Unknown> {
-    if storage.contains(offset) { Ok(width.part(storage.get(offset & !3), offset)) } else { Err(Unknown::REGISTER) }
 }
 
 #[cfg(test)]
@@ -219,14 +247,14 @@ mod tests {
     #[test]
     fn storage_keeps_what_is_writable_and_lists_what_was_read_before() {
         let mut storage = Storage::new(&[(0x00, 0x10, 0xff), (0x04, 0, u32::MAX)]);
-        assert_eq!(storage.read(0x00, Width::Word), Ok(0x10));
-        storage.write(0x00, 0xabcd, Width::Word).expect("modelled access");
-        storage.write(0x05, 0x12, Width::Byte).expect("modelled access");
-        assert_eq!((storage.get(0x00), storage.get(0x04)), (0xcd, 0x1200));
-        assert_eq!(storage.read(0x04, Width::Half), Ok(0x1200));
-        assert_eq!(storage.read(0x08, Width::Word), Err(Unknown::REGISTER));
+        assert_eq!(storage.read(0x00, Width::Word, 0), Ok(0x10));
+        storage.write(0x00, 0xabcd, Width::Word, 0).expect("modelled access");
+        storage.write(0x05, 0x12, Width::Byte, 0).expect("modelled access");
+        assert_eq!((storage[0x00], storage[0x04]), (0xcd, 0x1200));
+        assert_eq!(storage.read(0x04, Width::Half, 0), Ok(0x1200));
+        assert_eq!(storage.read(0x08, Width::Word, 0), Err(Unknown::REGISTER));
         assert_eq!(storage.unwritten_reads(), [0x00]);
         storage.reset();
-        assert_eq!(storage.get(0x00), 0x10);
+        assert_eq!(storage[0x00], 0x10);
     }
 }

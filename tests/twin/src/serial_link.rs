@@ -4,7 +4,7 @@
 
 use crate::machine::{Ended, Machine};
 use crate::talk::Talk;
-use inerter_wire::{Command, Record, Refusal, Reply};
+use inerter_wire::{Command, Refusal, Reply};
 
 /// Polling interval of the host \[s\].
 const STEP_S: f64 = 5e-3;
@@ -79,10 +79,5 @@ impl SerialLink {
         let name = format!("{command:?}");
         let reply = self.request(command, limit_s)?;
         reply.result.map(|_| ()).map_err(|refusal| SerialError::Refused { command: name, refusal })
-    }
-
-    /// Returns and removes the records that have arrived.
-    pub fn records(&mut self) -> Vec<Record> {
-        self.talk.records()
     }
 }

@@ -16,7 +16,7 @@ pub struct Talk {
     last_id: u16,
     records: VecDeque<Record>,
     /// Frames that are missing according to the device's sequence numbers.
-    lost: u64,
+    pub lost: u64,
 }
 
 impl Talk {
@@ -62,11 +62,6 @@ impl Talk {
         self.records.drain(..).collect()
     }
 
-    /// Frames that are missing according to the device's sequence numbers.
-    pub fn lost(&self) -> u64 {
-        self.lost
-    }
-
     /// Counters of the frame reader, including damaged frames.
     pub fn counts(&self) -> &Counts {
         self.reader.counts()
@@ -93,6 +88,6 @@ mod tests {
         assert_eq!(talk.reply(first), Some(Reply { id: first, result: Ok(Done::Plain) }));
         assert_eq!(talk.reply(first), None);
         assert!(talk.reply(second).is_some());
-        assert_eq!((talk.lost(), talk.records().len()), (1, 1));
+        assert_eq!((talk.lost, talk.records().len()), (1, 1));
     }
 }

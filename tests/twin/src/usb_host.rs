@@ -84,6 +84,9 @@ pub enum UsbError {
     Stopped(String),
 }
 
+/// What the bus gives, unless it fails.
+pub type Carried<T = ()> = Result<T, UsbError>;
+
 /// A control request (USB 2.0 9.3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Setup {
@@ -137,7 +140,7 @@ pub struct Done {
     /// The number that [`UsbHost::submit`] gave.
     pub number: u64,
     /// The bytes from the device (empty for a transfer to it), or the error.
-    pub result: Result<Vec<u8>, UsbError>,
+    pub result: Carried<Vec<u8>>,
     /// Bytes transferred, in either direction.
     pub moved: usize,
 }
@@ -170,7 +173,7 @@ enum Step {
     /// No progress.
     Waits,
     /// The transfer has ended.
-    Ends(Result<(), UsbError>),
+    Ends(Carried),
 }
 
 /// A queue of transfers: control, or one direction of one endpoint.
@@ -192,7 +195,8 @@ pub struct UsbHost {
     address: u8,
     supplied: bool,
     frames: bool,
-    description: Option<Description>,
+    /// The descriptors of the last enumeration.
+    pub description: Option<Description>,
     pause_s: f64,
     /// Maximum packet size of endpoint 0, from the device descriptor.
     control_packet: usize,
@@ -216,15 +220,10 @@ impl Default for UsbHost {
 }
 
 impl UsbHost {
-    /// The descriptors of the last enumeration.
-    pub fn description(&self) -> Option<&Description> {
-        self.description.as_ref()
-    }
-
     // ---- cable and bus
 
     /// Connects the cable, waits for the device, and resets it.
-    pub fn plug(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+    pub fn plug(&mut self, socket: &mut impl Socket) -> Carried {
         self.supplied = true;
         socket.set_supply(true);
         socket.usb().set_cable(true);
@@ -254,7 +253,7 @@ impl UsbHost {
     }
 
     /// Resets the bus. The device then has address 0 and is not configured.
-    pub fn reset(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+    pub fn reset(&mut self, socket: &mut impl Socket) -> Carried {
         self.fail_all(&UsbError::Silent);
         self.address = 0;
         self.description = None;
@@ -266,14 +265,14 @@ impl UsbHost {
     }
 
     /// Stops all traffic long enough to suspend the device.
-    pub fn suspend(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+    pub fn suspend(&mut self, socket: &mut impl Socket) -> Carried {
         socket.usb().stop_frames();
         self.frames = false;
         run(socket, SUSPEND_S)
     }
 
     /// Resumes the device.
-    pub fn resume(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+    pub fn resume(&mut self, socket: &mut impl Socket) -> Carried {
         self.check_attached(socket)?;
         socket.usb().resume();
         socket.usb().start_frames(FRAME_S);
@@ -282,7 +281,7 @@ impl UsbHost {
     }
 
     /// Assigns an address, reads the descriptors and configures the device, in Linux's order.
-    pub fn enumerate(&mut self, socket: &mut impl Socket) -> Result<Description, UsbError> {
+    pub fn enumerate(&mut self, socket: &mut impl Socket) -> Carried<Description> {
         // Byte 7 of the device descriptor is the maximum packet size. It is in the first packet, whatever the size.
         self.control_packet = FULL_PACKET;
         let head = self.get_descriptor(socket, 1, 0, 0, 64)?;
@@ -312,37 +311,30 @@ impl UsbHost {
     }
 
     /// Connects and enumerates.
-    pub fn connect(&mut self, socket: &mut impl Socket) -> Result<Description, UsbError> {
+    pub fn connect(&mut self, socket: &mut impl Socket) -> Carried<Description> {
         self.plug(socket)?;
         self.enumerate(socket)
     }
 
     /// SET_ADDRESS.
-    pub fn set_address(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+    pub fn set_address(&mut self, socket: &mut impl Socket) -> Carried {
         self.order(socket, 0, 5, ADDRESS.into(), 0)?;
         self.address = ADDRESS;
         run(socket, SET_ADDRESS_S)
     }
 
     /// SET_CONFIGURATION.
-    pub fn configure(&mut self, socket: &mut impl Socket, configuration: u8) -> Result<(), UsbError> {
+    pub fn configure(&mut self, socket: &mut impl Socket, configuration: u8) -> Carried {
         self.order(socket, 0, 9, configuration.into(), 0)
     }
 
     /// CLEAR_FEATURE(ENDPOINT_HALT). The top bit of `endpoint` is set for an IN endpoint.
-    pub fn clear_halt(&mut self, socket: &mut impl Socket, endpoint: u8) -> Result<(), UsbError> {
+    pub fn clear_halt(&mut self, socket: &mut impl Socket, endpoint: u8) -> Carried {
         self.order(socket, 2, 1, 0, endpoint.into())
     }
 
     /// A control request without data.
-    fn order(
-        &mut self,
-        socket: &mut impl Socket,
-        kind: u8,
-        request: u8,
-        value: u16,
-        index: u16,
-    ) -> Result<(), UsbError> {
+    fn order(&mut self, socket: &mut impl Socket, kind: u8, request: u8, value: u16, index: u16) -> Carried {
         self.control(socket, Setup { kind, request, value, index, length: 0 }, &[]).map(|_| ())
     }
 
@@ -354,7 +346,7 @@ impl UsbHost {
         index: u8,
         language: u16,
         length: u16,
-    ) -> Result<Vec<u8>, UsbError> {
+    ) -> Carried<Vec<u8>> {
         let value = u16::from_be_bytes([kind, index]);
         self.control(socket, Setup { kind: 0x80, request: 6, value, index: language, length }, &[])
     }
@@ -362,31 +354,19 @@ impl UsbHost {
     // ---- blocking transfers
 
     /// A control request with its data; returns the data from the device.
-    pub fn control(&mut self, socket: &mut impl Socket, setup: Setup, data: &[u8]) -> Result<Vec<u8>, UsbError> {
+    pub fn control(&mut self, socket: &mut impl Socket, setup: Setup, data: &[u8]) -> Carried<Vec<u8>> {
         self.wait_for(socket, Transfer::Control(setup, data.to_vec()), CONTROL_S).result
     }
 
     /// Reads from an endpoint within a time: up to a short packet, at most `most` bytes.
     ///
     /// The caller loses bytes that arrive without a short packet, as with a real host.
-    pub fn read(
-        &mut self,
-        socket: &mut impl Socket,
-        endpoint: u8,
-        most: usize,
-        within_s: f64,
-    ) -> Result<Vec<u8>, UsbError> {
+    pub fn read(&mut self, socket: &mut impl Socket, endpoint: u8, most: usize, within_s: f64) -> Carried<Vec<u8>> {
         self.wait_for(socket, Transfer::In(endpoint, most), within_s).result
     }
 
     /// Writes bytes to an endpoint within a time; returns how many the device accepted.
-    pub fn write(
-        &mut self,
-        socket: &mut impl Socket,
-        endpoint: u8,
-        bytes: &[u8],
-        within_s: f64,
-    ) -> (usize, Result<(), UsbError>) {
+    pub fn write(&mut self, socket: &mut impl Socket, endpoint: u8, bytes: &[u8], within_s: f64) -> (usize, Carried) {
         let done = self.wait_for(socket, Transfer::Out(endpoint, bytes.to_vec(), false), within_s);
         (done.moved, done.result.map(|_| ()))
     }
@@ -458,7 +438,7 @@ impl UsbHost {
     }
 
     /// Processes one packet for each pipe with a queued transfer, and lets its bus time pass.
-    pub fn service(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+    pub fn service(&mut self, socket: &mut impl Socket) -> Carried {
         if self.supplied && !socket.usb().attached() {
             self.lose(socket);
         }
@@ -485,7 +465,7 @@ impl UsbHost {
         run(socket, if moved { idle_s } else { idle_s + self.pause_s })
     }
 
-    fn finish(&mut self, index: usize, result: Result<(), UsbError>) {
+    fn finish(&mut self, index: usize, result: Carried) {
         if let Some(running) = self.pipes[index].queue.pop_front() {
             let moved = running.received.len() + running.sent;
             if let (Ok(()), Transfer::Control(setup, _)) = (&result, &running.transfer) {
@@ -523,98 +503,79 @@ impl UsbHost {
         self.description = None;
     }
 
-    fn check_attached(&self, socket: &mut impl Socket) -> Result<(), UsbError> {
+    fn check_attached(&self, socket: &mut impl Socket) -> Carried {
         if self.supplied && socket.usb().attached() { Ok(()) } else { Err(UsbError::Detached) }
     }
 
     /// Processes one packet of the first transfer of a pipe; returns the outcome and the bus time.
     fn step(&mut self, index: usize, usb: &mut Usb) -> (Step, f64) {
-        let address = self.address;
+        let (address, number) = (self.address, (index % TO_HOST) as u8);
         let Pipe { queue, toggle } = &mut self.pipes[index];
         let Some(running) = queue.front_mut() else { return (Step::Waits, 0.0) };
-        let (answer, sent, step) = match running.transfer {
-            Transfer::Control(setup, ref data) => {
-                let data = data.get(..usize::from(setup.length)).unwrap_or(data);
-                control_packet(
-                    running.stage,
-                    setup,
-                    next_packet(data, running.sent, running.full),
-                    running.toggle,
-                    usb,
-                    address,
-                )
-            }
-            Transfer::In(endpoint, _) => {
-                let answer = usb.ask(address, endpoint & 0xF);
-                (answer, 0, PacketKind::In { number: endpoint & 0xF, toggle: *toggle })
-            }
-            Transfer::Out(endpoint, ref data, _) => {
-                let packet = next_packet(data, running.sent, running.full);
-                (usb.send(address, endpoint & 0xF, *toggle, packet), packet.len(), PacketKind::Out)
-            }
+        let (answer, sent, expected) = match running.packet(*toggle) {
+            Packet::Setup(bytes) => (usb.setup(address, &bytes), bytes.len(), None),
+            Packet::Out(toggle, data) => (usb.send(address, number, toggle, data), data.len(), None),
+            Packet::In(toggle) => (usb.ask(address, number), 0, Some(toggle)),
         };
-        let received = if let Answer::Data(_, data) = &answer { data.len() } else { 0 };
+        let received = if let Answer::Data(_, data) = &answer {
+            usb.acknowledge(address, number);
+            data.len()
+        } else {
+            0
+        };
         let time_s = packet_time_s(sent + received, !matches!(answer, Answer::Nak | Answer::Stall));
-        let step = running.take(answer, sent, step, toggle, usb, address);
-        (step, time_s)
+        (running.take(answer, sent, expected, toggle), time_s)
     }
 }
 
-/// The kind of packet in a step.
-enum PacketKind {
-    Setup,
-    Out,
-    In { number: u8, toggle: Toggle },
-}
-
-fn next_packet(data: &[u8], sent: usize, full: usize) -> &[u8] {
-    let rest = data.get(sent..).unwrap_or_default();
-    rest.get(..full).unwrap_or(rest)
-}
-
-fn control_packet(
-    stage: Stage,
-    setup: Setup,
-    packet: &[u8],
-    toggle: Toggle,
-    usb: &mut Usb,
-    address: u8,
-) -> (Answer, usize, PacketKind) {
-    // Without a data stage the status stage is IN, whatever direction the request gives (USB 2.0 8.5.3).
-    let reads = setup.to_host() && setup.length > 0;
-    match stage {
-        Stage::Setup => (usb.setup(address, &setup.bytes()), 8, PacketKind::Setup),
-        Stage::Data if reads => (usb.ask(address, 0), 0, PacketKind::In { number: 0, toggle }),
-        Stage::Data => (usb.send(address, 0, toggle, packet), packet.len(), PacketKind::Out),
-        Stage::Status if reads => (usb.send(address, 0, Toggle::Data1, &[]), 0, PacketKind::Out),
-        Stage::Status => (usb.ask(address, 0), 0, PacketKind::In { number: 0, toggle: Toggle::Data1 }),
-    }
+/// A packet of a transfer.
+enum Packet<'a> {
+    Setup([u8; 8]),
+    Out(Toggle, &'a [u8]),
+    In(Toggle),
 }
 
 impl Running {
-    /// Processes the device's response to a packet of this transfer.
-    fn take(
-        &mut self,
-        answer: Answer,
-        sent: usize,
-        packet: PacketKind,
-        of_pipe: &mut Toggle,
-        usb: &mut Usb,
-        address: u8,
-    ) -> Step {
-        let data = match (answer, packet) {
+    /// The next packet; `of_pipe` is the pipe's toggle.
+    fn packet(&self, of_pipe: Toggle) -> Packet<'_> {
+        match &self.transfer {
+            Transfer::In(..) => Packet::In(of_pipe),
+            Transfer::Out(_, data, _) => Packet::Out(of_pipe, self.rest(data)),
+            Transfer::Control(setup, data) => {
+                // Without a data stage the status stage is IN, whatever direction the request gives (USB 2.0 8.5.3).
+                let reads = setup.to_host() && setup.length > 0;
+                match (self.stage, reads) {
+                    (Stage::Setup, _) => Packet::Setup(setup.bytes()),
+                    (Stage::Data, true) => Packet::In(self.toggle),
+                    (Stage::Data, false) => {
+                        let data = data.get(..usize::from(setup.length)).unwrap_or(data);
+                        Packet::Out(self.toggle, self.rest(data))
+                    }
+                    (Stage::Status, true) => Packet::Out(Toggle::Data1, &[]),
+                    (Stage::Status, false) => Packet::In(Toggle::Data1),
+                }
+            }
+        }
+    }
+
+    /// The part of the data that the next packet carries.
+    fn rest<'a>(&self, data: &'a [u8]) -> &'a [u8] {
+        let rest = data.get(self.sent..).unwrap_or_default();
+        rest.get(..self.full).unwrap_or(rest)
+    }
+
+    /// Processes the device's response to a packet of this transfer; for one to the host, with the expected toggle.
+    fn take(&mut self, answer: Answer, sent: usize, expected: Option<Toggle>, of_pipe: &mut Toggle) -> Step {
+        let data = match (answer, expected) {
             (Answer::Nak, _) => return Step::Waits,
             (Answer::Stall, _) => return Step::Ends(Err(UsbError::Stalled)),
-            (Answer::Data(toggle, data), PacketKind::In { number, toggle: expected }) => {
-                usb.acknowledge(address, number);
+            (Answer::Data(toggle, _), Some(expected)) if toggle != expected => {
+                // A retransmission: the host acknowledges and discards it (USB 2.0 8.6.4).
                 self.strikes = 0;
-                if toggle != expected {
-                    // A retransmission: the host acknowledges and discards it (USB 2.0 8.6.4).
-                    return Step::Moved;
-                }
-                data
+                return Step::Moved;
             }
-            (Answer::Ack, PacketKind::Setup | PacketKind::Out) => Vec::new(),
+            (Answer::Data(_, data), Some(_)) => data,
+            (Answer::Ack, None) => Vec::new(),
             (Answer::Nothing | Answer::Ack | Answer::Data(..), _) => {
                 self.strikes += 1;
                 return if self.strikes < STRIKES { Step::Waits } else { Step::Ends(Err(UsbError::Silent)) };
@@ -673,7 +634,7 @@ fn packet_time_s(bytes: usize, with_data: bool) -> f64 {
     if with_data { 9.1e-6 + bytes as f64 * 8.0 * (7.0 / 6.0) / 12e6 } else { 5e-6 }
 }
 
-fn run(socket: &mut impl Socket, time_s: f64) -> Result<(), UsbError> {
+fn run(socket: &mut impl Socket, time_s: f64) -> Carried {
     socket.run_for(time_s).map_err(UsbError::Stopped)
 }
 

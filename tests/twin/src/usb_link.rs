@@ -8,9 +8,9 @@ use crate::chip::usb::Usb;
 use crate::machine::Machine;
 use crate::talk::Talk;
 use crate::usb_host::serial::SerialPort;
-use crate::usb_host::{Description, Socket, UsbError, UsbHost};
+use crate::usb_host::{Carried, Description, Socket, UsbError, UsbHost};
 use inerter_core::Settings;
-use inerter_wire::{Command, Record, Refusal, Reply};
+use inerter_wire::{Command, Refusal, Reply};
 
 /// Timeout for a reply; saving settings may have to erase a page.
 const REPLY_S: f64 = 2.0;
@@ -73,26 +73,26 @@ impl<S: Socket> UsbLink<S> {
     }
 
     /// Connects and enumerates.
-    pub fn connect(&mut self) -> Result<Description, UsbError> {
+    pub fn connect(&mut self) -> Carried<Description> {
         self.host.connect(&mut self.socket)
     }
 
     /// Connects, enumerates and opens the port.
-    pub fn plug_in(&mut self) -> Result<Description, UsbError> {
+    pub fn plug_in(&mut self) -> Carried<Description> {
         let description = self.connect()?;
         self.open()?;
         Ok(description)
     }
 
     /// Opens the port. The protocol state starts fresh, as in a program that has just been started.
-    pub fn open(&mut self) -> Result<(), UsbError> {
+    pub fn open(&mut self) -> Carried {
         self.port = Some(SerialPort::open(&mut self.host, &mut self.socket)?);
         self.talk = Talk::default();
         Ok(())
     }
 
     /// Closes the port.
-    pub fn close(&mut self) -> Result<(), UsbError> {
+    pub fn close(&mut self) -> Carried {
         match self.port.take() {
             Some(port) => port.close(&mut self.host, &mut self.socket),
             None => Ok(()),
@@ -158,10 +158,5 @@ impl<S: Socket> UsbLink<S> {
         }
         self.unplug();
         Ok(())
-    }
-
-    /// Returns and removes the records that have arrived.
-    pub fn records(&mut self) -> Vec<Record> {
-        self.talk.records()
     }
 }

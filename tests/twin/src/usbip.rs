@@ -9,7 +9,7 @@
 
 mod protocol;
 
-use crate::usb_host::{Description, Socket, Transfer, UsbError, UsbHost};
+use crate::usb_host::{Carried, Description, Socket, Transfer, UsbError, UsbHost};
 use protocol::{Command, Foreign, Question, Refusal};
 use std::collections::BTreeMap;
 use std::io::{self, Read, Write};
@@ -126,7 +126,7 @@ impl<S: Socket> Server<S> {
     }
 
     /// Serves until `over` returns true, with device time in step with wall-clock time.
-    pub fn run(&mut self, mut over: impl FnMut(&mut Self) -> bool) -> Result<(), UsbError> {
+    pub fn run(&mut self, mut over: impl FnMut(&mut Self) -> bool) -> Carried {
         let mut start = (Instant::now(), self.socket.time_s());
         while !over(self) {
             self.turn()?;
@@ -142,7 +142,7 @@ impl<S: Socket> Server<S> {
     }
 
     /// One step: new connections, their data, one packet of each transfer, completed transfers.
-    pub fn turn(&mut self) -> Result<(), UsbError> {
+    pub fn turn(&mut self) -> Carried {
         self.accept();
         let mut index = 0;
         while index < self.clients.len() {
@@ -234,7 +234,7 @@ impl<S: Socket> Server<S> {
 
     /// Connects and enumerates the device, then resets it and sets only its address. `description` is none if that
     /// fails.
-    fn plug(&mut self) -> Result<(), UsbError> {
+    fn plug(&mut self) -> Carried {
         let host = &mut self.host;
         let ready = host.connect(&mut self.socket).and_then(|description| {
             host.reset(&mut self.socket)?;

@@ -5,7 +5,7 @@ use inerter_twin::chip::flash::{Boot, OPTIONS_DELIVERED};
 use inerter_twin::chip::rcc::Reset;
 use inerter_twin::chip::rom::Left;
 use inerter_twin::cpu::Stop;
-use inerter_twin::machine::{Machine, Options, StartError, shipping_image};
+use inerter_twin::machine::{Machine, Options, shipping_image};
 use inerter_twin::serial_link::SerialLink;
 use inerter_twin::world::Still;
 use inerter_wire::{Capabilities, Command, Hello, Record};
@@ -23,7 +23,7 @@ fn hello(link: &mut SerialLink) -> Hello {
     link.talk = Default::default();
     link.order(Command::Hello, 0.5).unwrap_or_else(|error| panic!("{error}"));
     link.listen_until(link.machine.time_s() + 0.05).unwrap_or_else(|ended| panic!("{ended}"));
-    link.records().into_iter().find_map(carried_by!(Record::Hello)).expect("a Hello")
+    link.talk.records().into_iter().find_map(carried_by!(Record::Hello)).expect("a Hello")
 }
 
 /// One value of the option bytes: from a new chip to an update, through each way into update mode.
@@ -40,12 +40,12 @@ fn a_life_with(image: &[u8], options: u32) {
         }
         // Only a debug probe leads out of RAM.
         Boot::Ram => {
-            assert!(matches!(started, Err(StartError::Cpu(Stop::Ram))));
+            assert!(matches!(started, Err(Stop::Ram)));
             return;
         }
     }
     run(&mut machine, START_S);
-    let resets = machine.resets().len();
+    let resets = machine.resets.len();
     let mut link = SerialLink::new(machine);
     let capabilities = hello(&mut link).capabilities;
     assert_eq!(capabilities.contains(Capabilities::STORE), options & DBANK != 0, "pages for the settings");
@@ -66,7 +66,7 @@ fn a_life_with(image: &[u8], options: u32) {
     press(&mut link.machine, 1.0);
     hello(&mut link);
     // Into update mode by the BOOT0 pin, where the option bytes let it count.
-    link.machine.set_boot0(true);
+    link.machine.boot0 = true;
     link.machine.reset().expect("starts");
     if options & NSWBOOT0 != 0 {
         enters_update_mode(&mut link.machine, 1.0);

@@ -62,7 +62,7 @@ fn stm32g4xx_hal_adc_dma_fills_its_ring() {
     run(&mut machine, 0.2);
     // DMA1 channel 1 writes here: PA0, temperature and reference, five times.
     let now = machine.now();
-    let ring = machine.chip_mut().dma1.read(0x14, Width::Word, now).expect("DMA_CMAR1");
+    let ring = machine.chip_mut().dma[0].read(0x14, Width::Word, now).expect("DMA_CMAR1");
     let bytes = machine.chip().bytes(ring, 30).expect("in RAM");
     let codes: Vec<f64> = halves(bytes).map(f64::from).collect();
     let volts = [STEADY.force_v, adc::sensor_volts(25.0), adc::internal_reference_volts()];
@@ -100,14 +100,14 @@ fn stm32g4xx_hal_watchdog_bites_after_its_32_seconds() {
     let Some(mut machine) = foreign("watchdog", Still) else { return };
     run(&mut machine, 33.0);
     assert_eq!(causes(&machine), [Reset::Power, Reset::Watchdog]);
-    let at_s = machine.resets()[1].0;
+    let at_s = machine.resets[1].0;
     assert!((32.7..32.8).contains(&at_s), "{at_s} s");
 }
 
 /// The instrument on `stm32-hal2`, started.
 fn hal2() -> Option<Machine> {
     let mut machine = foreign("hal2", STEADY)?;
-    machine.chip_mut().lpuart1.set_far_baud(115_200.0);
+    machine.chip_mut().lpuart1.far_baud = 115_200.0;
     run(&mut machine, 0.05);
     Some(machine)
 }
@@ -122,7 +122,7 @@ fn ask(machine: &mut Machine, letter: u8) -> String {
 #[test]
 fn stm32_hal2_measures_counts_and_keeps() {
     let Some(mut machine) = hal2() else { return };
-    assert_eq!(machine.clock_hz(), 170e6);
+    assert_eq!(machine.chip().clocks.hclk_hz, 170e6);
     assert_eq!(ask(&mut machine, b'c'), "170000000\n");
     let volts = ask(&mut machine, b'a');
     let volts: Vec<f64> = volts.split_whitespace().map(|word| word.parse::<f64>().expect("a number") / 1e4).collect();
@@ -133,7 +133,7 @@ fn stm32_hal2_measures_counts_and_keeps() {
     let expected = STEADY.edges_per_s * (machine.time_s() - at_s);
     assert!((f64::from(moved) - expected).abs() < 3.0, "{moved} of {expected}");
     assert_eq!(ask(&mut machine, b'f'), "written by others\n");
-    let contents = machine.flash();
+    let contents = machine.chip().flash.contents();
     let page = flash::BANK + 100 * flash::PAGE;
     assert_eq!(&contents.bytes()[page..page + 17], b"written by others");
 }
@@ -155,7 +155,7 @@ fn stm32_hal2_usb_gives_back_one_higher() {
     assert_eq!((description.manufacturer.text.as_str(), description.product.text.as_str()), ("Others", "Echo"));
     assert_eq!(link.send(b"HAL-9000", 1.0), Ok(8));
     assert_eq!(link.receive(0.05).expect("open"), b"IBM.:111");
-    assert!(link.socket.clock_hz() == 170e6);
+    assert!(link.socket.chip().clocks.hclk_hz == 170e6);
 }
 
 /// The README gives these figures for an STM32WL, whose flash has the same caches at the same wait states.
@@ -171,7 +171,7 @@ fn p256_cm4_takes_as_many_cycles_as_published() {
     let mut machine = chip_with(&image, Still);
     // Ticks are half a second apart. After each one the core does its work and sleeps.
     run(&mut machine, 0.25);
-    machine.cpu_mut().count_cycles().expect("hooks");
+    machine.cpu.count_cycles().expect("hooks");
     for (name, published) in [("sign", 442_754), ("verify", 1_225_746)] {
         let before = machine.usage();
         run(&mut machine, 0.5);

@@ -50,7 +50,7 @@ impl Lab {
 
     fn keep(&mut self) {
         let now_s = self.link.socket.time_s();
-        self.records.extend(self.link.records().into_iter().map(|record| (now_s, record)));
+        self.records.extend(self.link.talk.records().into_iter().map(|record| (now_s, record)));
     }
 }
 
@@ -181,10 +181,10 @@ const CASES: &[Case] = &[
         ..case("wrong clock", "clock", "2.0 % too slow", |_| {})
     },
     case("force output 5 % off", "force gain", "the wire PA4 to PA0 is loaded", |machine| {
-        machine.chip_mut().dac[0].set_quality(dac::Quality { gain: 1.05, ..dac::Quality::default() });
+        machine.chip_mut().dac[0].quality = dac::Quality { gain: 1.05, ..dac::Quality::default() };
     }),
     case("terminal output 5 % off", "terminal gain", "the wire PA6 to PA1 is loaded", |machine| {
-        machine.chip_mut().dac[1].set_quality(dac::Quality { gain: 1.05, ..dac::Quality::default() });
+        machine.chip_mut().dac[1].quality = dac::Quality { gain: 1.05, ..dac::Quality::default() };
     }),
     case("an edge lost in the burst", "fast edges", "edges are lost at the highest rate", |machine| {
         machine.chip_mut().planted.lost_edge = Some(100_000);
@@ -281,9 +281,8 @@ fn the_outputs_are_let_go_and_nonsense_is_refused() {
 #[test]
 fn outputs_whose_transfers_fail_are_let_go() {
     for channel in 0..3 {
-        let Some(mut lab) = lab(Options::default(), |machine| machine.chip_mut().dma2.break_off(channel)) else {
-            return;
-        };
+        let breaks = |machine: &mut Machine| machine.chip_mut().dma[1].channels[channel].broken = true;
+        let Some(mut lab) = lab(Options::default(), breaks) else { return };
         assert_eq!(lab.run().map(|report| report.checks.len()), Err(JumperError::TransferFailed), "channel {channel}");
     }
 }

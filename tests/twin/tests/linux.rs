@@ -297,7 +297,7 @@ fn the_kernel_sees_the_device(linux: &mut Linux) {
 /// The kernel echoes what the device sends until a program sets the terminal to raw mode. This test is harsher than
 /// reality: it makes the device send while the echo is on.
 fn a_fresh_terminal_echoes_and_nothing_happens(linux: &mut Linux, twin: &Twin) {
-    let starts = twin.order(|server| server.socket.resets().len());
+    let starts = twin.order(|server| server.socket.resets.len());
     assert!(linux.run("stty -F /dev/ttyACM0 -a").contains(" echo "), "a fresh terminal echoes");
     let mut talk = vec![0];
     for (id, command) in [(1, Request::Hello), (2, Request::Streams(Streams::ALL)), (3, Request::ReadSettings)] {
@@ -309,7 +309,7 @@ fn a_fresh_terminal_echoes_and_nothing_happens(linux: &mut Linux, twin: &Twin) {
     let before = linux.run("stty -F /dev/ttyACM0 -echo raw; stty -F /dev/ttyACM0 sane; stty -F /dev/ttyACM0 -a");
     assert!(before.contains(" echo "), "{before}");
     linux.run(&format!("exec 3<>/dev/ttyACM0; printf '{octal}' >&3; sleep 2; exec 3>&-"));
-    assert_eq!(twin.order(|server| server.socket.resets().len()), starts, "it restarted");
+    assert_eq!(twin.order(|server| server.socket.resets.len()), starts, "it restarted");
     uses_the_saved_settings(linux);
 }
 
@@ -541,7 +541,7 @@ const DFU_UTIL: &str = "dfu-util -d 0483:df11 -a 0 -s 0x08000000:leave -D /tmp/n
 fn plain(image: &[u8]) -> Vec<u8> {
     let elf = Elf::parse(image).expect("an ELF");
     let mut bytes = Vec::new();
-    for (address, segment) in elf.segments() {
+    for (address, segment) in &elf.segments {
         let start = (address - flash::START) as usize;
         bytes.resize(bytes.len().max(start + segment.len()), 0xFF);
         bytes[start..start + segment.len()].copy_from_slice(segment);
@@ -578,9 +578,9 @@ fn cut_once(linux: &mut Linux, twin: &Twin, holds: impl Fn(&Machine) -> bool + C
     let cut = move |server: &mut Server<Machine>| {
         let is_now = holds(&server.socket);
         if is_now {
-            server.socket.set_boot0(true);
+            server.socket.boot0 = true;
             server.socket.power_cut().expect("starts again");
-            server.socket.set_boot0(false);
+            server.socket.boot0 = false;
             server.unplug();
         }
         is_now
@@ -664,7 +664,7 @@ fn pages(image: &[u8]) -> Vec<usize> {
     let elf = Elf::parse(image).expect("an ELF");
     let page = |address: usize| (address - flash::START as usize) / flash::PAGE;
     let of = |(start, bytes): &(u32, Vec<u8>)| page(*start as usize)..=page(*start as usize + bytes.len() - 1);
-    elf.segments().iter().flat_map(of).collect::<BTreeSet<usize>>().into_iter().collect()
+    elf.segments.iter().flat_map(of).collect::<BTreeSet<usize>>().into_iter().collect()
 }
 
 /// The image whose task hangs after five seconds: different code under the same name.
@@ -684,7 +684,7 @@ fn a_really_different_build_goes_there_and_back(linux: &mut Linux, twin: &Twin, 
         assert_eq!(ended.code, 0, "{name}: {}{}", ended.text(), ended.errors);
         // Both builds have the same name, so only the flash tells them apart.
         let flash = twin.order(|server| server.socket.chip().flash.bytes().to_vec());
-        for (start, bytes) in Elf::parse(build).expect("an ELF").segments() {
+        for (start, bytes) in &Elf::parse(build).expect("an ELF").segments {
             let at = (start - flash::START) as usize;
             assert!(flash[at..][..bytes.len()] == bytes[..], "{name}: not in flash at {start:#010x}");
         }
@@ -698,7 +698,7 @@ fn a_really_different_build_goes_there_and_back(linux: &mut Linux, twin: &Twin, 
 /// All bytes of an image, segment after segment.
 fn code(image: &[u8]) -> Vec<u8> {
     let elf = Elf::parse(image).expect("an ELF");
-    elf.segments().iter().flat_map(|(_, bytes)| bytes.clone()).collect()
+    elf.segments.iter().flat_map(|(_, bytes)| bytes.clone()).collect()
 }
 
 /// The ROM describes the layout of the die, with 512 KB in two banks. The host must go by what the chip itself reports.
@@ -710,12 +710,12 @@ fn a_chip_that_is_too_small_is_refused_whatever_the_rom_describes(linux: &mut Li
         let twin = Twin::serve(move || {
             let options = Options { flash_kb, ..Options::default() };
             let mut machine = Machine::with(&firmware, options, Still).expect("the binary");
-            machine.serve_rom(Left::Running);
+            machine.serves = Some(Left::Running);
             if one_bank {
                 let options = machine.chip().flash.options();
                 machine.chip_mut().flash.set_options(options & !DBANK);
             }
-            machine.set_boot0(true);
+            machine.boot0 = true;
             machine.power_cut().expect("starts");
             machine
         });

@@ -517,13 +517,12 @@ fn a_peripheral_answers_while_metapacs_bit_opens_its_gate() {
 
 #[test]
 fn dma_requests_have_metapacs_numbers() {
-    for request in Request::ALL {
+    for (request, number) in Request::ALL {
         let (name, signal) = match request {
-            Request::Adc1 => ("ADC1", "ADC1"),
-            Request::Adc2 => ("ADC2", "ADC2"),
-            Request::Adc3 => ("ADC3", "ADC3"),
-            Request::Adc4 => ("ADC4", "ADC4"),
-            Request::Adc5 => ("ADC5", "ADC5"),
+            Request::Adc(unit) => {
+                let name = ["ADC1", "ADC2", "ADC3", "ADC4", "ADC5"][unit as usize];
+                (name, name)
+            }
             Request::Tim6Update => ("TIM6", "UP"),
             Request::Tim7Update => ("TIM7", "UP"),
             Request::Dac1 => ("DAC1", "CH1"),
@@ -532,7 +531,7 @@ fn dma_requests_have_metapacs_numbers() {
             Request::Spi2Transmit => ("SPI2", "TX"),
         };
         let channel = peripheral(name).dma_channels.iter().find(|channel| channel.signal == signal);
-        assert_eq!(channel.and_then(|channel| channel.request), Some(request as u32), "{name} {signal}");
+        assert_eq!(channel.and_then(|channel| channel.request), Some(u32::from(number)), "{name} {signal}");
     }
 }
 

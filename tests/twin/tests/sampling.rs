@@ -63,7 +63,7 @@ impl Lab {
         for command in set_up(&settings) {
             lab.order(command)?;
         }
-        lab.link.records();
+        lab.link.talk.records();
         Ok(lab)
     }
 
@@ -81,8 +81,8 @@ impl Lab {
         self.order(Command::Stop)?;
         // Receive what is still in transit.
         self.link.listen(0.2)?;
-        let lost = self.link.talk.lost();
-        Run::of(self.settings, self.link.records(), lost)
+        let lost = self.link.talk.lost;
+        Run::of(self.settings, self.link.talk.records(), lost)
     }
 }
 
@@ -395,7 +395,7 @@ fn disturbed(channel: usize, at_s: f64, disturb: Disturb) -> impl FnMut(&mut Mac
     move |machine: &mut Machine| {
         let now = machine.now();
         let in_s = at_s - machine.time_s();
-        let dma = &mut machine.chip_mut().dma1;
+        let dma = &mut machine.chip_mut().dma[0];
         let mut left = |n: u32| dma.read(0x0C + 0x14 * n, Width::Word, now).expect("a register");
         let lefts = [left(0), left(1), left(2)];
         if !done && in_s <= 0.0 {
@@ -414,8 +414,8 @@ fn rings_that_part_become_a_discontinuity_and_the_counter_stays_right() -> Outco
     let at_s = MOTION_S + 3.0;
     let plain = short(&image, mid_rig(), 6.0, left_alone)?;
     // The channel gets no bus access for five events.
-    let stall: Disturb = |dma, channel, now| dma.stall(channel, now + 5 * 2625);
-    let fail: Disturb = |dma, channel, _| dma.fail(channel);
+    let stall: Disturb = |dma, channel, now| dma.channels[channel].stalled = Some(now + 5 * 2625);
+    let fail: Disturb = |dma, channel, _| dma.channels[channel].fail();
     // Channel 0 loses positions; channel 1 misses a force conversion; channel 2 misses a terminal conversion, and
     // without its ring no interrupt comes. A failed transfer stops its ring at once.
     for (channel, disturb, fault) in [
@@ -451,7 +451,7 @@ fn a_transfer_may_fail_at_any_moment() -> Outcome {
         let run = short(&image, mid_rig(), 6.0, |machine| {
             if failed < TIMES && machine.time_s() > MOTION_S + 1.0 + f64::from(failed) * 0.1 {
                 machine.run_for(f64::from(failed) * 0.08e-3).expect("runs");
-                machine.chip_mut().dma1.fail(channel);
+                machine.chip_mut().dma[0].channels[channel].fail();
                 failed += 1;
             }
         })?;
@@ -492,7 +492,7 @@ fn a_reader_that_comes_late_loses_whole_halves_and_knows_how_many() -> Outcome {
             return;
         }
         let now = machine.now();
-        let dma = &mut machine.chip_mut().dma1;
+        let dma = &mut machine.chip_mut().dma[0];
         let ccr = dma.read(CCR3, Width::Word, now).expect("a register") & !HALVES;
         dma.write(CCR3, if hold { ccr } else { ccr | HALVES }, Width::Word, now).expect("a register");
         held = hold;
@@ -577,7 +577,7 @@ fn a_converter_that_forgets_is_set_up_again() -> Outcome {
 fn a_bus_whose_transfers_do_not_end_is_told() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     // Longer than the watchdog timeout.
-    let stall: Disturb = |dma, channel, now| dma.stall(channel, now + 168_000_000 * 60);
+    let stall: Disturb = |dma, channel, now| dma.channels[channel].stalled = Some(now + 168_000_000 * 60);
     // Channels of DMA1 that transmit to the converter and receive from it.
     for (channel, disturb) in [(3, stall), (4, stall), (3, BROKEN), (4, BROKEN)] {
         let run = short_digital(&image, mid_rig(), once(channel, disturb))?;
@@ -587,7 +587,7 @@ fn a_bus_whose_transfers_do_not_end_is_told() -> Outcome {
 }
 
 /// All later transfers of the channel fail.
-const BROKEN: Disturb = |dma, channel, _| dma.break_off(channel);
+const BROKEN: Disturb = |dma, channel, _| dma.channels[channel].broken = true;
 
 /// Disturbs a channel of DMA1 once, a second after the motion begins.
 fn once(channel: usize, disturb: Disturb) -> impl FnMut(&mut Machine) {
@@ -596,7 +596,7 @@ fn once(channel: usize, disturb: Disturb) -> impl FnMut(&mut Machine) {
         if !done && machine.time_s() > MOTION_S + 1.0 {
             done = true;
             let now = machine.now();
-            disturb(&mut machine.chip_mut().dma1, channel, now);
+            disturb(&mut machine.chip_mut().dma[0], channel, now);
         }
     }
 }
@@ -630,22 +630,22 @@ fn a_transfer_that_is_cut_off_ends_before_the_bus_is_switched_off() -> Outcome {
         let limit_s = machine.time_s() + 0.1;
         let left = |machine: &mut Machine| {
             let now = machine.now();
-            machine.chip_mut().dma1.read(0x0C + 0x14 * 4, Width::Word, now).expect("CNDTR5")
+            machine.chip_mut().dma[0].read(0x0C + 0x14 * 4, Width::Word, now).expect("CNDTR5")
         };
-        while left(machine) != 18 - sent || machine.chip().spi2.frame().is_none() {
+        while left(machine) != 18 - sent || machine.chip().spi2.frame.is_none() {
             assert!(machine.time_s() < limit_s, "no transfer");
             machine.run_for(0.2e-6)?;
         }
         // After the receive channel fails, the firmware must stop the SPI at once.
-        machine.chip_mut().dma1.fail(4);
+        machine.chip_mut().dma[0].channels[4].fail();
         machine.run_for(1e-3)?;
-        assert!(!machine.chip().spi2.busy_stays(), "{sent} bytes received");
+        assert!(!machine.chip().spi2.busy_stays, "{sent} bytes received");
         lab.link.listen(0.5)?;
     }
     let samples = |record: &Record| matches!(record, Record::Samples(_));
-    lab.link.records();
+    lab.link.talk.records();
     lab.link.listen(0.5)?;
-    assert!(lab.link.records().iter().any(samples), "it goes on");
+    assert!(lab.link.talk.records().iter().any(samples), "it goes on");
     Ok(())
 }
 
@@ -775,12 +775,12 @@ fn the_serial_link_brings_the_same() -> Outcome {
     for command in set_up(&settings) {
         link.order(command, REPLY_S)?;
     }
-    link.records();
+    link.talk.records();
     link.order(Command::Start, REPLY_S)?;
     link.listen_until(MOTION_S + 3.0)?;
     link.order(Command::Stop, REPLY_S)?;
     link.listen_until(MOTION_S + 3.2)?;
-    let run = Run::of(settings, link.records(), link.talk.lost())?;
+    let run = Run::of(settings, link.talk.records(), link.talk.lost)?;
     assert_eq!(run.discontinuities(), 0);
     assert!(run.samples.len() > 12_000 && run.agrees_with_core().counters.discontinuities == 0);
     Ok(())

@@ -85,7 +85,7 @@ fn ask(link: &mut UsbLink<Machine>, requests: impl IntoIterator<Item = Request>)
         link.request(request, REPLY_S).expect("a reply");
     }
     link.listen(0.05).expect("listens");
-    let records = link.records();
+    let records = link.talk.records();
     link.unplug();
     records
 }

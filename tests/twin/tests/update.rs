@@ -29,7 +29,7 @@ const DOWNLOAD_IDLE: u8 = 5;
 fn pages(image: &[u8]) -> BTreeMap<u32, Vec<u8>> {
     let elf = Elf::parse(image).expect("an ELF");
     let mut pages = BTreeMap::new();
-    for (address, bytes) in elf.segments() {
+    for (address, bytes) in &elf.segments {
         for (place, byte) in (*address..).zip(bytes) {
             let page = pages.entry(place - (place - START) % PAGE as u32).or_insert_with(|| vec![0xff; PAGE]);
             page[(place - START) as usize % PAGE] = *byte;
@@ -119,7 +119,7 @@ fn firmware(link: &mut UsbLink<Machine>) -> String {
     link.plug_in().expect("a port");
     link.request(Command::Hello, 1.0).expect("a reply").result.expect("done");
     link.listen(0.05).expect("listens");
-    let hello = link.records().into_iter().find_map(carried_by!(Record::Hello)).expect("a Hello");
+    let hello = link.talk.records().into_iter().find_map(carried_by!(Record::Hello)).expect("a Hello");
     hello.firmware.to_string()
 }
 
@@ -150,7 +150,7 @@ fn measures(machine: Machine, what: &str) {
     assert!(firmware(&mut link).starts_with("inerter 9."), "{what}");
     link.request(Command::Streams(Streams { estimates: true, ..Streams::NONE }), 1.0).expect("a reply");
     link.listen(3.0).expect("listens");
-    let estimate = link.records().into_iter().rev().find_map(carried_by!(Record::Estimate));
+    let estimate = link.talk.records().into_iter().rev().find_map(carried_by!(Record::Estimate));
     let fitted = estimate.expect("an estimate").whole_run.inertance_kg.fitted();
     let off = (fitted.value / 299.4906 - 1.0).abs();
     assert!(off < 0.02, "{what}: {} kg, so the settings were lost", fitted.value);
@@ -203,11 +203,11 @@ fn an_update_whose_power_fails_at_any_stage_is_completed_by_the_next() {
             assert_eq!(vectors, Some(vec![0xff; 8]), "cut after {cut} half an image would run");
         }
         // Without vectors the chip cannot start from flash. The BOOT0 pin brings it back into the ROM.
-        machine.set_boot0(true);
+        machine.boot0 = true;
         machine.power_cut().expect("starts");
         run(&mut machine, 0.01);
         assert!(machine.is_in_rom(), "cut after {cut}");
-        machine.set_boot0(false);
+        machine.boot0 = false;
         install(&mut machine, &new, &format!("after a cut at {cut}"));
         measures(machine, &format!("cut after {cut}"));
     }
@@ -220,7 +220,7 @@ fn settings_and_saves(link: &mut UsbLink<Machine>) -> (SettingsValues, u32) {
     }
     link.listen(0.05).expect("listens");
     let (mut settings, mut saves) = (None, None);
-    for record in link.records() {
+    for record in link.talk.records() {
         match record {
             Record::Settings(values) => settings = Some(values),
             Record::Measured(measured) => saves = measured.get(Quantity::SavesLeft),
@@ -265,7 +265,7 @@ fn a_visit_to_update_mode_leaves_flash_and_settings_alone() {
         let mut link = configured(&image, left, Still, &settings);
         let running = firmware(&mut link);
         let (before, saves_before) = settings_and_saves(&mut link);
-        let flash = link.socket.flash();
+        let flash = link.socket.chip().flash.contents();
         go(&mut link, way);
         Loader::connect(&mut link.socket).leave().unwrap_or_else(|error| panic!("{left:?}, {way:?}: {error}"));
         link.socket.run_for(0.5).unwrap_or_else(|ended| panic!("{left:?}, {way:?}: {ended}"));
@@ -276,7 +276,7 @@ fn a_visit_to_update_mode_leaves_flash_and_settings_alone() {
         // A host could repeat the command at will, so it must not renew the saves.
         let expected = if way == Way::Command { saves_before } else { SAVES.into() };
         assert_eq!(saves, expected, "{left:?}, {way:?}");
-        assert!(link.socket.flash() == flash, "{left:?}, {way:?}: flash was written");
+        assert!(link.socket.chip().flash.contents() == flash, "{left:?}, {way:?}: flash was written");
     }
 }
 
@@ -327,7 +327,7 @@ fn found_by_rom(machine: &mut Machine) -> Vec<(String, u32)> {
         .iter()
         .map(|&address| {
             let value = match address {
-                0xe000_0000.. => machine.cpu_mut().core_mut().nvic.read(address, Width::Word, now).ok(),
+                0xe000_0000.. => machine.cpu.core_mut().nvic.read(address, Width::Word, now).ok(),
                 _ => machine.chip_mut().read(address, Width::Word, now).ok(),
             };
             (format!("{address:#010x}"), value.expect("a register"))
@@ -342,7 +342,7 @@ fn found_by_rom(machine: &mut Machine) -> Vec<(String, u32)> {
         ("FAULTMASK", R::FAULTMASK),
         ("CONTROL", R::CONTROL),
     ] {
-        found.push((name.to_owned(), machine.cpu().register(register)));
+        found.push((name.to_owned(), machine.cpu.register(register)));
     }
     found
 }
@@ -368,7 +368,7 @@ fn the_rom_finds_the_chip_as_after_a_start_by_the_boot_pin() {
                 machine.reset().expect("starts");
             }
             None => {
-                machine.set_boot0(true);
+                machine.boot0 = true;
                 machine.reset().expect("starts");
             }
         }
@@ -376,7 +376,7 @@ fn the_rom_finds_the_chip_as_after_a_start_by_the_boot_pin() {
         assert_eq!(ended.stop, Stop::Bootloader, "{way:?}: {ended}");
         assert_eq!(machine.chip().iwdg.timeout_s(), None, "{way:?}: nobody would feed the watchdog");
         assert!(!machine.chip().usb.attached(), "{way:?}: the host still sees the device that was");
-        assert_eq!(machine.clock_hz(), 16e6, "{way:?}");
+        assert_eq!(machine.chip().clocks.hclk_hz, 16e6, "{way:?}");
         if way.is_some() {
             let now = machine.now();
             assert_eq!(machine.chip_mut().read(MEMRMP, Width::Word, now).map(|value| value & 7), Ok(1), "{way:?}");

@@ -36,7 +36,7 @@ fn moving(seed: u64) -> Bench {
 fn hello(link: &mut UsbLink<Machine>) -> Hello {
     let reply = link.request(Command::Hello, REPLY_S).expect("a reply to Hello");
     assert_eq!(reply.result, Ok(Done::Plain));
-    let records = link.records();
+    let records = link.talk.records();
     let hello = records.iter().find_map(carried_by!(Record::Hello));
     hello.unwrap_or_else(|| panic!("no Hello among {records:?}")).clone()
 }
@@ -54,7 +54,7 @@ fn streaming(link: &mut UsbLink<Machine>) {
 
 fn settings(link: &mut UsbLink<Machine>) -> Settings {
     done(link, Command::ReadSettings);
-    let values = link.records().into_iter().find_map(carried_by!(Record::Settings));
+    let values = link.talk.records().into_iter().find_map(carried_by!(Record::Settings));
     let reading = values.expect("settings").read(&Settings::default());
     assert_eq!((reading.unknown, reading.impossible, reading.missing), (0, 0, 0));
     reading.settings
@@ -65,7 +65,7 @@ fn health(link: &mut UsbLink<Machine>) -> Health {
     done(link, Command::Streams(Streams { health: true, ..Streams::NONE }));
     for _ in 0..30 {
         link.listen(0.1).expect("the port is open");
-        if let Some(health) = link.records().into_iter().find_map(carried_by!(Record::Health)) {
+        if let Some(health) = link.talk.records().into_iter().find_map(carried_by!(Record::Health)) {
             return health;
         }
     }
@@ -232,7 +232,7 @@ fn a_configuration_set_again_and_halts_cleared_lose_nothing() {
         link.host.clear_halt(&mut link.socket, to_device).expect("taken");
         link.host.clear_halt(&mut link.socket, to_host | 0x80).expect("taken");
         hello(&mut link);
-        assert_eq!(link.talk.lost(), 0);
+        assert_eq!(link.talk.lost, 0);
     }
 }
 
@@ -268,7 +268,8 @@ fn a_full_packet_is_followed_by_another() {
 fn full_packets(seed: u64) -> Option<(usize, usize)> {
     let mut link = board(moving(seed))?;
     link.connect().expect("enumeration");
-    let (to_device, to_host) = link.host.description().expect("enumerated").serial_endpoints().expect("a serial port");
+    let description = link.host.description.as_ref().expect("enumerated");
+    let (to_device, to_host) = description.serial_endpoints().expect("a serial port");
     let UsbLink { socket, host, .. } = &mut link;
     set_control_lines(host, socket, true, true).expect("taken");
     let mut talk = Talk::default();
@@ -297,7 +298,7 @@ fn full_packets(seed: u64) -> Option<(usize, usize)> {
             assert!(next_s - at_s < 2e-3, "after a full packet nothing for {} s", next_s - at_s);
         }
     }
-    assert_eq!((talk.lost(), talk.counts().corrupt()), (0, 0));
+    assert_eq!((talk.lost, talk.counts().corrupt()), (0, 0));
     Some((full, closed))
 }
 
@@ -352,7 +353,8 @@ fn a_cable_pulled_out_at_any_moment_can_be_put_back() {
         streaming(&mut link);
         // With a request and the stream in progress, at any moment between two packets.
         let (_, bytes) = link.talk.request(Command::ReadSettings);
-        let to_device = link.host.description().expect("enumerated").serial_endpoints().expect("a serial port").0;
+        let description = link.host.description.as_ref().expect("enumerated");
+        let to_device = description.serial_endpoints().expect("a serial port").0;
         link.host.submit(Transfer::Out(to_device, bytes, false));
         for _ in 0..random.below(400) {
             link.host.service(&mut link.socket).expect("the device goes on");
@@ -398,8 +400,8 @@ fn a_host_that_stops_reading_costs_frames_and_nothing_else() {
     // The host's program hangs: its driver's buffers fill up, then the endpoint.
     link.socket.run_for(6.0).expect("runs");
     link.listen(0.5).expect("the port is open");
-    let lost = link.talk.lost();
-    let missing: u32 = samples_missing(&link.records());
+    let lost = link.talk.lost;
+    let missing: u32 = samples_missing(&link.talk.records());
     assert!(lost > 100, "only {lost} frames lost in six seconds");
     assert!(missing > 1000, "samples in the lost frames: {missing}");
     let after = health(&mut link).dropped_frames;
@@ -460,7 +462,7 @@ fn leads_to_its_replies(item: &Item) {
     let mut hear = |link: &mut UsbLink<Machine>, for_s| {
         let heard = link.listen(for_s).is_ok();
         let before = replies.len();
-        for record in link.records() {
+        for record in link.talk.records() {
             if let Record::Reply(Reply { id, result }) = record {
                 replies += &format!("{id} {}\n", outcome(&result));
             }
@@ -476,7 +478,7 @@ fn leads_to_its_replies(item: &Item) {
     }
     while hear(&mut link, 0.7) {}
     let (bad_frames, expected) = item.expected.split_once('\n').expect("two parts");
-    assert_eq!(replies, expected, "{}: {} frames lost", item.name, link.talk.lost());
+    assert_eq!(replies, expected, "{}: {} frames lost", item.name, link.talk.lost);
     if !item.restarts() {
         link.close().expect("closes");
         link.open().expect("opens");
@@ -499,6 +501,7 @@ fn a_terminal_that_echoes_changes_nothing() {
     }
     assert!(echoed > 5000, "only {echoed} bytes");
     let strangers: Vec<Record> = link
+        .talk
         .records()
         .into_iter()
         .filter(|record| {
@@ -610,7 +613,7 @@ fn a_flood_of_saves_is_refused_and_no_restart_that_a_host_orders_helps() {
     let Some(mut link) = opened(Still) else { return };
     let (taken, wait_s) = flood(&mut link);
     assert!((all..all + 2).contains(&taken) && (60..=120).contains(&wait_s), "{taken} saves, {wait_s} s to wait");
-    let kept = link.socket.flash();
+    let kept = link.socket.chip().flash.contents();
     for (command, cause) in [
         (Command::Reboot, Reset::Software),
         (Command::Reboot, Reset::Software),
@@ -624,7 +627,7 @@ fn a_flood_of_saves_is_refused_and_no_restart_that_a_host_orders_helps() {
         let (taken, wait_s) = flood(&mut link);
         assert!(taken == 0 && (100..=120).contains(&wait_s), "{command:?}: {taken} saves, {wait_s} s to wait");
     }
-    assert!(link.socket.flash() == kept, "nothing was written meanwhile");
+    assert!(link.socket.chip().flash.contents() == kept, "nothing was written meanwhile");
     // One more save every two minutes, also in a run that began with none.
     done(&mut link, Command::Stop);
     let (_, wait_s) = flood(&mut link);

@@ -67,19 +67,19 @@ fn measure() -> Result<String, Box<dyn Error>> {
             ask(&mut link, command)?;
         }
         link.listen(SETTLE_S)?;
-        link.socket.cpu_mut().count_cycles()?;
+        link.socket.cpu.count_cycles()?;
         let before = link.socket.usage();
-        link.records();
+        link.talk.records();
         link.listen(STEADY_S)?;
         let usage = link.socket.usage().since(&before);
-        link.socket.cpu_mut().count_no_cycles()?;
+        link.socket.cpu.count_no_cycles()?;
         let [least, most] = usage.load_on_the_chip().ok_or("cycles are not counted")?;
         loads.push(format!(
             r#"{{"with":"{with}","rate_hz":{},"instructions_per_s":{:.0},"least":{least:.4},"most":{most:.4}}}"#,
             settings.sample_rate_hz,
             usage.instructions_per_s()
         ));
-        if !link.records().iter().any(|record| matches!(record, Record::Estimate(_))) {
+        if !link.talk.records().iter().any(|record| matches!(record, Record::Estimate(_))) {
             return Err("no estimate received: nothing was measured".into());
         }
     }

@@ -22,13 +22,12 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::clocks::Clocks;
-use super::dmamux::Request;
 use super::errata::Errata;
 use super::pin::Pin;
 use super::rules::Rules;
 use crate::registers::Storage;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
 /// Reference voltage of all converters \[V\].
 pub const REFERENCE_V: f64 = 3.3;
@@ -71,59 +70,35 @@ const SAMPLING_CLOCKS: [f64; 8] = [2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.
 /// EXTSEL value of the trigger TIM6_TRGO.
 pub const TRIGGER_TIM6: u32 = 13;
 
-// ISR.
-const ADRDY: u32 = 1 << 0;
-const EOSMP: u32 = 1 << 1;
-const EOC: u32 = 1 << 2;
-const EOS: u32 = 1 << 3;
-const OVR: u32 = 1 << 4;
+registers! { u32:
+    ISR 0x00 { ADRDY 0, EOSMP 1, EOC 2, EOS 3, OVR 4 },
+    IER 0x04,
+    CR 0x08 {
+        ADEN 0, ADDIS 1, ADSTART 2, JADSTART 3, ADSTP 4, JADSTP 5, ADVREGEN 28, DEEPPWD 29, ADCALDIF 30, ADCAL 31
+    },
+    CFGR 0x0C { DMAEN 0, DMACFG 1, CFGR_RESERVED 2, OVRMOD 12, CONT 13, JQDIS 31 },
+    CFGR2 0x10,
+    SMPR1 0x14,
+    SMPR2 0x18,
+    SQR1 0x30,
+    SQR4 0x3C,
+    DR 0x40,
+    OFR1 0x60,
+    OFR4 0x6C,
+    JDR1 0x80,
+    JDR4 0x8C,
+    DIFSEL 0xB0,
+}
+// The common registers of a block.
+registers! { u32:
+    CSR 0x00,
+    CCR 0x08 { VREFEN 22, VSENSESEL 23, VBATSEL 24 },
+}
 const ISR_ALL: u32 = 0x7FF;
-
-// CR.
-const ADEN: u32 = 1 << 0;
-const ADDIS: u32 = 1 << 1;
-const ADSTART: u32 = 1 << 2;
-const JADSTART: u32 = 1 << 3;
-const ADSTP: u32 = 1 << 4;
-const JADSTP: u32 = 1 << 5;
-const ADVREGEN: u32 = 1 << 28;
-const DEEPPWD: u32 = 1 << 29;
-const ADCALDIF: u32 = 1 << 30;
-const ADCAL: u32 = 1 << 31;
-
-// CFGR.
-const DMAEN: u32 = 1 << 0;
-const DMACFG: u32 = 1 << 1;
-const OVRMOD: u32 = 1 << 12;
-const CONT: u32 = 1 << 13;
-const JQDIS: u32 = 1 << 31;
-const CFGR_RESERVED: u32 = 1 << 2;
 /// RES, AUTDLY, ALIGN, DISCEN, JDISCEN, AWD1EN, JAWD1EN, JAUTO.
 const CFGR_NOT_MODELLED: u32 = 3 << 3 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 20 | 3 << 23 | 1 << 25;
-
-// CCR.
 const DUAL: u32 = 0x1F;
-const VREFEN: u32 = 1 << 22;
-const VSENSESEL: u32 = 1 << 23;
-const VBATSEL: u32 = 1 << 24;
 const CCR_ALL: u32 = 0x01FF_EF1F;
-
-// Offsets of registers.
-const ISR: u32 = 0x00;
-const IER: u32 = 0x04;
-const CR: u32 = 0x08;
-const CFGR: u32 = 0x0C;
-const CFGR2: u32 = 0x10;
-const SMPR1: u32 = 0x14;
-const SMPR2: u32 = 0x18;
-const SQR1: u32 = 0x30;
-const SQR4: u32 = 0x3C;
-const DR: u32 = 0x40;
-const OFR1: u32 = 0x60;
-const OFR4: u32 = 0x6C;
-const JDR1: u32 = 0x80;
-const JDR4: u32 = 0x8C;
-const DIFSEL: u32 = 0xB0;
 
 /// Registers of a converter that are plain storage: offset, reset value, writable bits.
 const STORAGE: [(u32, u32, u32); 20] = [
@@ -167,17 +142,6 @@ pub enum Unit {
 impl Unit {
     /// All five converters.
     pub const ALL: [Self; 5] = [Self::One, Self::Two, Self::Three, Self::Four, Self::Five];
-
-    /// Its DMA request line.
-    pub const fn request(self) -> Request {
-        match self {
-            Self::One => Request::Adc1,
-            Self::Two => Request::Adc2,
-            Self::Three => Request::Adc3,
-            Self::Four => Request::Adc4,
-            Self::Five => Request::Adc5,
-        }
-    }
 
     /// Offset of its registers from the start of the ADC region.
     const fn base(self) -> u32 {
@@ -321,7 +285,7 @@ impl Analogue {
         }
         let part = volts / (REFERENCE_V * (1.0 + self.held.1));
         let bow = if nonlinearity_lsb == 0.0 { 0.0 } else { nonlinearity_lsb * (std::f64::consts::TAU * part).sin() };
-        let noise = self.noise.get_mut(unit as usize).map_or(0.0, |rng| normal(noise_lsb, rng));
+        let noise = normal(noise_lsb, &mut self.noise[unit as usize]);
         // A cast from float saturates at the limits of its type.
         ((part * CODES + bow + noise).round() as u16).min(CODES as u16 - 1)
     }
@@ -369,7 +333,7 @@ struct Rank {
 }
 
 /// One converter.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Converter {
     isr: u32,
     ier: u32,
@@ -399,26 +363,7 @@ struct Converter {
 
 impl Converter {
     fn new() -> Self {
-        Self {
-            isr: 0,
-            ier: 0,
-            cr: DEEPPWD,
-            cfgr: JQDIS,
-            dr: 0,
-            storage: Storage::new(&STORAGE),
-            sequence: [Rank::default(); 16],
-            length: 1,
-            conversion: None,
-            regulator_settled: 0,
-            calibration_end: None,
-            enable_from: 0,
-            ready_at: None,
-            ready: false,
-            dma_ended: false,
-            ended: None,
-            stopped: false,
-            phase: None,
-        }
+        Self { cr: DEEPPWD, cfgr: JQDIS, storage: Storage::new(&STORAGE), length: 1, ..Self::default() }
     }
 
     fn reset(&mut self) {
@@ -447,21 +392,17 @@ impl Converter {
         }
     }
 
-    fn dma_request(&self) -> bool {
-        self.isr & (EOC | OVR) == EOC && self.cfgr & DMAEN != 0 && !self.dma_ended
-    }
-
     /// Loads the sequence and refuses settings that have no model.
-    fn load_sequence(&mut self) -> Result<(), Unknown> {
+    fn load_sequence(&mut self) -> Modelled {
         refuse_if(self.cfgr & CFGR_NOT_MODELLED != 0, "ADC_CFGR: mode is not modelled")?;
-        refuse_if(self.storage.get(CFGR2) != 0, "ADC_CFGR2: oversampling is not modelled")?;
+        refuse_if(self.storage[CFGR2] != 0, "ADC_CFGR2: oversampling is not modelled")?;
         for ofr in (OFR1..=OFR4).step_by(4) {
-            refuse_if(self.storage.get(ofr) & 1 << 31 != 0, "ADC_OFR: offsets are not modelled")?;
+            refuse_if(self.storage[ofr] & 1 << 31 != 0, "ADC_OFR: offsets are not modelled")?;
         }
-        let sqr: [u32; 4] = std::array::from_fn(|n| self.storage.get(SQR1 + 4 * n as u32));
+        let sqr: [u32; 4] = std::array::from_fn(|n| self.storage[SQR1 + 4 * n as u32]);
         self.length = (sqr[0] & 0xF) as usize + 1;
-        let smpr = [self.storage.get(SMPR1), self.storage.get(SMPR2)];
-        let differential = self.storage.get(DIFSEL);
+        let smpr = [self.storage[SMPR1], self.storage[SMPR2]];
+        let differential = self.storage[DIFSEL];
         for (rank, slot) in self.sequence.iter_mut().enumerate().take(self.length) {
             // SQ1 is the second field of the first register; each register has five fields, six bits apart.
             let place = rank + 1;
@@ -485,11 +426,14 @@ pub struct Adcs {
     /// Kernel clock of each block \[Hz\].
     kernel_hz: [f64; 2],
     analogue: Analogue,
-    /// End of the next conversion, and its converter.
-    due: Option<(Cycles, Unit)>,
-    errata: Errata,
-    rules: Rules,
-    broken: Option<(Unit, Broken)>,
+    /// End of the next conversion, and its converter; [`finish`](Self::finish) must be called then.
+    pub due: Option<(Cycles, Unit)>,
+    /// Errata in force.
+    pub errata: Errata,
+    /// How strictly the model treats violations.
+    pub rules: Rules,
+    /// A converter that hangs permanently, and where.
+    pub broken: Option<(Unit, Broken)>,
 }
 
 impl Default for Adcs {
@@ -510,29 +454,9 @@ impl Default for Adcs {
 }
 
 impl Adcs {
-    /// Sets the errata that apply from now on.
-    pub fn set_errata(&mut self, errata: Errata) {
-        self.errata = errata;
-    }
-
-    /// Sets how strictly the model treats violations from now on.
-    pub fn set_rules(&mut self, rules: Rules) {
-        self.rules = rules;
-    }
-
-    /// Makes a converter hang permanently at this point.
-    pub fn break_down(&mut self, unit: Unit, at: Broken) {
-        self.broken = Some((unit, at));
-    }
-
     /// Sets the quality of the conversions from now on and restarts the noise.
     pub fn set_quality(&mut self, quality: Quality) {
         self.analogue = Analogue::new(quality);
-    }
-
-    /// Quality of the conversions.
-    pub fn quality(&self) -> &Quality {
-        &self.analogue.quality
     }
 
     fn unit(&self, unit: Unit) -> &Converter {
@@ -544,7 +468,7 @@ impl Adcs {
     }
 
     /// The ADC clock of a block.
-    fn timing(&self, common: usize) -> Result<Timing, Unknown> {
+    fn timing(&self, common: usize) -> Modelled<Timing> {
         let ccr = self.common[common];
         let prescaler = match ccr >> 18 & 0xF {
             0 => 1.0,
@@ -566,7 +490,7 @@ impl Adcs {
         Ok(timing)
     }
 
-    fn clocks(&self, unit: Unit, clocks: f64) -> Result<Cycles, Unknown> {
+    fn clocks(&self, unit: Unit, clocks: f64) -> Modelled<Cycles> {
         Ok((clocks * self.timing(unit.common())?.cycles).round() as Cycles)
     }
 
@@ -576,12 +500,12 @@ impl Adcs {
     }
 
     /// A trigger output rises at `now`: every sequence waiting for it starts. A sequence in progress continues.
-    pub fn trigger(&mut self, number: u32, now: Cycles) -> Result<(), Unknown> {
+    pub fn trigger(&mut self, number: u32, now: Cycles) -> Modelled {
         Unit::ALL.into_iter().try_for_each(|unit| self.trigger_one(unit, number, now))
     }
 
     /// The same for one converter.
-    pub fn trigger_one(&mut self, unit: Unit, number: u32, now: Cycles) -> Result<(), Unknown> {
+    pub fn trigger_one(&mut self, unit: Unit, number: u32, now: Cycles) -> Modelled {
         let it = self.unit(unit);
         let waits = it.is_started() && it.conversion.is_none();
         // EXTEN values 1 and 3 include rising edges.
@@ -594,8 +518,8 @@ impl Adcs {
         Ok(())
     }
 
-    fn begin(&mut self, unit: Unit, rank: usize, now: Cycles, latency: f64) -> Result<(), Unknown> {
-        let sampling = self.unit(unit).sequence.get(rank).map_or(0.0, |rank| rank.sampling_clocks);
+    fn begin(&mut self, unit: Unit, rank: usize, now: Cycles, latency: f64) -> Modelled {
+        let sampling = self.unit(unit).sequence[rank].sampling_clocks;
         let aperture = now + self.clocks(unit, latency + sampling)?;
         let end = now + self.clocks(unit, latency + sampling + CONVERSION_CLOCKS)?;
         let disturbed = self.errata.adc_concurrent && self.disturbs_others(unit, now)?;
@@ -608,7 +532,7 @@ impl Adcs {
     ///
     /// Conversions that start at the same moment do not disturb each other if they share the same ADC clock and it is
     /// either undivided or has a period that divides the trigger period.
-    fn disturbs_others(&mut self, unit: Unit, now: Cycles) -> Result<bool, Unknown> {
+    fn disturbs_others(&mut self, unit: Unit, now: Cycles) -> Modelled<bool> {
         let clock_of = |this: &Self, unit: Unit| {
             let common = unit.common();
             let timing = this.timing(common)?;
@@ -635,11 +559,6 @@ impl Adcs {
         self.due = ends.min_by_key(|(end, _)| *end);
     }
 
-    /// End of the next conversion, and its converter; [`finish`](Self::finish) must be called then.
-    pub fn due(&self) -> Option<(Cycles, Unit)> {
-        self.due
-    }
-
     /// End of `unit`'s conversion in progress.
     pub fn due_of(&self, unit: Unit) -> Option<Cycles> {
         self.unit(unit).conversion.map(|conversion| conversion.end)
@@ -652,10 +571,10 @@ impl Adcs {
     }
 
     /// The input of `unit`'s conversion in progress, and its aperture.
-    pub fn looks_at(&self, unit: Unit) -> Result<(Signal, Cycles), Unknown> {
+    pub fn looks_at(&self, unit: Unit) -> Modelled<(Signal, Cycles)> {
         let it = self.unit(unit);
         let conversion = it.conversion.ok_or(Unknown { what: "no conversion is in progress" })?;
-        let channel = it.sequence.get(conversion.rank).map_or(0, |rank| rank.channel);
+        let channel = it.sequence[conversion.rank].channel;
         let signal = unit.signal(channel).ok_or(Unknown { what: "ADC channel not connected" })?;
         let switch = signal.switch();
         refuse_if(self.common[unit.common()] & switch != switch, "internal ADC channel not enabled in ADC_CCR")?;
@@ -663,7 +582,7 @@ impl Adcs {
     }
 
     /// Ends `unit`'s conversion in progress, which held `volts`.
-    pub fn finish(&mut self, unit: Unit, volts: f64) -> Result<(), Unknown> {
+    pub fn finish(&mut self, unit: Unit, volts: f64) -> Modelled {
         let Some(conversion) = self.unit_mut(unit).conversion.take() else { return Ok(()) };
         let Conversion { rank, aperture, end, disturbed, .. } = conversion;
         let volts = if disturbed { volts + DISTURBED_V } else { volts };
@@ -698,7 +617,8 @@ impl Adcs {
 
     /// Whether `unit` requests DMA.
     pub fn dma_request(&self, unit: Unit) -> bool {
-        self.unit(unit).dma_request()
+        let it = self.unit(unit);
+        it.isr & (EOC | OVR) == EOC && it.cfgr & DMAEN != 0 && !it.dma_ended
     }
 
     /// Called at the last transfer of a DMA transfer sequence: in one-shot mode, no request follows.
@@ -720,7 +640,7 @@ impl Adcs {
         it.isr & it.ier != 0
     }
 
-    fn write_control(&mut self, unit: Unit, value: u32, now: Cycles) -> Result<(), Unknown> {
+    fn write_control(&mut self, unit: Unit, value: u32, now: Cycles) -> Modelled {
         let settle = (REGULATOR_S * self.hclk_hz).round() as Cycles;
         let enforced = self.rules == Rules::Enforced;
         let it = self.unit_mut(unit);
@@ -786,7 +706,7 @@ impl Adcs {
         Ok(())
     }
 
-    fn write_unit(&mut self, unit: Unit, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write_unit(&mut self, unit: Unit, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let it = self.unit_mut(unit);
         it.advance(now);
         if offset & !3 > CR && width != Width::Word {
@@ -804,27 +724,22 @@ impl Adcs {
                 }
                 it.cfgr = value & !CFGR_RESERVED;
             }
-            storage => {
-                if !it.storage.contains(storage) {
-                    return Err(Unknown::REGISTER);
-                }
-                let before = it.storage.get(storage);
-                let fixed = match storage {
+            register => {
+                let fixed = match register {
                     DIFSEL => it.cr & ADEN != 0,
                     CFGR2 | SMPR1 | SMPR2 | SQR1..=SQR4 | OFR1..=OFR4 => it.is_started(),
                     _ => false,
                 };
-                it.storage.write(offset, value, width)?;
-                refuse_if(fixed && it.storage.get(storage) != before, "ADC register changed while the ADC is in use")?;
+                let before = it.storage.store(offset, value, width)?;
+                refuse_if(fixed && it.storage[register] != before, "ADC register changed while the ADC is in use")?;
             }
         }
         Ok(())
     }
 
-    fn read_unit(&mut self, unit: Unit, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read_unit(&mut self, unit: Unit, register: u32) -> Modelled<u32> {
         let it = self.unit_mut(unit);
-        it.advance(now);
-        let word = match offset & !3 {
+        Ok(match register {
             ISR => it.isr,
             IER => it.ier,
             CR => it.cr,
@@ -834,13 +749,12 @@ impl Adcs {
                 u32::from(it.dr)
             }
             JDR1..=JDR4 => 0,
-            _ => return it.storage.read(offset, width),
-        };
-        Ok(width.part(word, offset))
+            _ => it.storage.load(register)?,
+        })
     }
 
     /// The converter or common block at an offset, and the offset within it.
-    fn place(offset: u32) -> Result<(Place, u32), Unknown> {
+    fn place(offset: u32) -> Modelled<(Place, u32)> {
         let (base, within) = (offset & !0xFF, offset & 0xFF);
         let place = match base {
             0x300 => Place::Common(0),
@@ -854,20 +768,20 @@ impl Adcs {
         Unit::ALL.into_iter().filter(move |unit| unit.common() == common)
     }
 
-    fn read_common(&mut self, common: usize, offset: u32) -> Result<u32, Unknown> {
+    fn read_common(&mut self, common: usize, offset: u32) -> Modelled<u32> {
         match offset {
             // Flags of the block's first two converters (master and slave).
-            0x00 => {
+            CSR => {
                 Ok(Self::units_of(common).take(2).enumerate().map(|(n, unit)| self.unit(unit).isr << (16 * n)).sum())
             }
-            0x08 => Ok(self.common[common]),
+            CCR => Ok(self.common[common]),
             _ => Err(Unknown::REGISTER),
         }
     }
 
-    fn write_common(&mut self, common: usize, offset: u32, value: u32) -> Result<(), Unknown> {
+    fn write_common(&mut self, common: usize, offset: u32, value: u32) -> Modelled {
         let value = value & CCR_ALL;
-        if offset != 0x08 {
+        if offset != CCR {
             return Err(Unknown::REGISTER);
         }
         refuse_if(value & DUAL != 0, "ADC_CCR.DUAL: only independent mode is modelled")?;
@@ -892,14 +806,14 @@ enum Place {
 }
 
 impl Registers for Adcs {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
-        match Self::place(offset)? {
-            (Place::Unit(unit), within) => self.read_unit(unit, within, width, now),
-            (Place::Common(common), within) => Ok(width.part(self.read_common(common, within & !3)?, within)),
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        match Self::place(register)? {
+            (Place::Unit(unit), within) => self.read_unit(unit, within),
+            (Place::Common(common), within) => self.read_common(common, within),
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         match Self::place(offset)? {
             (Place::Unit(unit), within) => self.write_unit(unit, within, value, width, now),
             (Place::Common(_), _) if width != Width::Word => Err(Unknown::WIDTH),
@@ -980,7 +894,7 @@ mod tests {
         let mut adc = ready(0);
         write(&mut adc, ISR, ADRDY, 10_000);
         start(&mut adc, 10_000);
-        assert!(adc.due().is_some());
+        assert!(adc.due.is_some());
     }
 
     #[test]
@@ -1024,16 +938,16 @@ mod tests {
     fn a_trigger_starts_a_conversion_whose_aperture_is_after_latency_and_sampling() {
         let mut adc = ready(TRIGGERED);
         adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
-        assert_eq!(adc.due(), None, "not started");
+        assert_eq!(adc.due, None, "not started");
         start(&mut adc, 20_000);
         adc.trigger(TRIGGER_TIM6 + 1, 21_000).unwrap();
-        assert_eq!(adc.due(), None, "another trigger");
+        assert_eq!(adc.due, None, "another trigger");
         adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
         // Aperture after (2.125 + 24.5) clocks of four cycles, end 12.5 clocks later.
         assert_eq!(adc.looks_at(Unit::One), Ok((Signal::Pin(Pin::new('A', 0)), 30_000 + 107)));
-        assert_eq!(adc.due(), Some((30_000 + 157, Unit::One)));
+        assert_eq!(adc.due, Some((30_000 + 157, Unit::One)));
         adc.trigger(TRIGGER_TIM6, 30_050).unwrap();
-        assert_eq!(adc.due(), Some((30_000 + 157, Unit::One)), "one at a time");
+        assert_eq!(adc.due, Some((30_000 + 157, Unit::One)), "one at a time");
         adc.finish(Unit::One, 1.65).unwrap();
         assert_eq!(read(&mut adc, ISR, 30_157), ADRDY | EOSMP | EOC | EOS);
         assert_eq!(adc.read(DR, Half, 30_157), Ok(2048));
@@ -1045,7 +959,7 @@ mod tests {
     fn codes(ccr: u32, triggers: &[Cycles], errata: Errata) -> Vec<[u16; 2]> {
         let mut adc = Adcs::default();
         adc.set_quality(Quality::IDEAL);
-        adc.set_errata(errata);
+        adc.errata = errata;
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON });
         write(&mut adc, CCR12, ccr, 0);
         for base in [0, 0x100] {
@@ -1059,7 +973,7 @@ mod tests {
         }
         let mut convert = |at: &Cycles| {
             adc.trigger(TRIGGER_TIM6, *at).unwrap();
-            while let Some((_, unit)) = adc.due() {
+            while let Some((_, unit)) = adc.due {
                 adc.finish(unit, 0.0).unwrap();
             }
             [DR, 0x100 + DR].map(|place| read(&mut adc, place, at + 1000) as u16)
@@ -1088,7 +1002,7 @@ mod tests {
     fn a_converter_disturbs_those_that_started_before_it() {
         for (errata, expected) in [(Errata { adc_concurrent: true, ..Errata::NONE }, 496), (Errata::NONE, 0)] {
             let mut adc = ready(TRIGGERED);
-            adc.set_errata(errata);
+            adc.errata = errata;
             for (at, control) in [(10_000, 0), (10_000, ADVREGEN), (20_000, ADVREGEN | ADEN)] {
                 write(&mut adc, 0x100 + CR, control, at);
             }
@@ -1109,7 +1023,7 @@ mod tests {
     fn the_first_conversion_after_a_pause_is_wrong_by_an_erratum_only() {
         for (errata, off) in [(Errata { adc_after_pause: true, ..Errata::NONE }, 496), (Errata::NONE, 0)] {
             let mut adc = ready(0);
-            adc.set_errata(errata);
+            adc.errata = errata;
             let mut convert = |at: Cycles| {
                 start(&mut adc, at);
                 adc.finish(Unit::One, 0.0).unwrap();
@@ -1127,7 +1041,7 @@ mod tests {
             // Stopped by software, then by the last transfer of a one-shot DMA.
             for by_dma in [false, true] {
                 let mut adc = ready(TRIGGERED | if by_dma { DMAEN } else { 0 });
-                adc.set_errata(errata);
+                adc.errata = errata;
                 let convert = |adc: &mut Adcs, at: Cycles| {
                     adc.trigger(TRIGGER_TIM6, at).unwrap();
                     adc.finish(Unit::One, volts).unwrap();
@@ -1176,10 +1090,10 @@ mod tests {
         start(&mut adc, 20_000);
         adc.set_clocks(&Clocks { adc12_hz: 0.0, ..clocks });
         adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
-        assert_eq!(adc.due(), None);
+        assert_eq!(adc.due, None);
         adc.set_clocks(&clocks);
         adc.trigger(TRIGGER_TIM6, 40_000).unwrap();
-        assert!(adc.due().is_some());
+        assert!(adc.due.is_some());
     }
 
     #[test]
@@ -1187,14 +1101,14 @@ mod tests {
         let mut adc = ready(0);
         write(&mut adc, SQR1, 1 | 1 << 6 | 2 << 12, 10_000);
         start(&mut adc, 20_000);
-        assert_eq!(adc.due(), Some((20_000 + 37 * 4, Unit::One)));
+        assert_eq!(adc.due, Some((20_000 + 37 * 4, Unit::One)));
         adc.finish(Unit::One, 0.1).unwrap();
         assert_eq!(read(&mut adc, ISR, 20_148) & (EOC | EOS), EOC);
         assert_eq!(adc.looks_at(Unit::One).unwrap().0, Signal::Pin(Pin::new('A', 1)));
         read(&mut adc, DR, 20_148);
         adc.finish(Unit::One, 0.2).unwrap();
         assert_eq!(read(&mut adc, ISR, 20_400) & (EOC | EOS | OVR), EOC | EOS);
-        assert_eq!((adc.due(), read(&mut adc, CR, 20_400) & ADSTART), (None, 0));
+        assert_eq!((adc.due, read(&mut adc, CR, 20_400) & ADSTART), (None, 0));
     }
 
     #[test]
@@ -1280,7 +1194,7 @@ mod tests {
         adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
         assert!(refuses(&mut adc, CR, ADVREGEN | ADDIS, 20_010));
         write(&mut adc, CR, ADVREGEN | ADSTP, 20_010);
-        assert_eq!((adc.due(), read(&mut adc, CR, 20_010) & ADSTART), (None, 0));
+        assert_eq!((adc.due, read(&mut adc, CR, 20_010) & ADSTART), (None, 0));
         write(&mut adc, CR, ADVREGEN | ADDIS, 20_020);
         assert_eq!(read(&mut adc, CR, 20_020), ADVREGEN);
         assert_eq!(read(&mut adc, ISR, 20_020) & ADRDY, 0);

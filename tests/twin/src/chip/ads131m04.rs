@@ -20,7 +20,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::pin::Pin;
 use crate::registers::refuse_if;
-use crate::{Cycles, Unknown, World};
+use crate::{Cycles, Modelled, World};
 
 /// Chip select, active low.
 pub const CS: Pin = Pin::new('B', 12);
@@ -50,7 +50,8 @@ pub struct Filter {
     weights: Vec<f64>,
     /// Modulator samples per step.
     step_samples: u32,
-    period_clkin: u32,
+    /// CLKIN periods from one conversion to the next.
+    pub period_clkin: u32,
 }
 
 impl Filter {
@@ -83,11 +84,6 @@ impl Filter {
     pub fn delay_clkin(&self) -> f64 {
         let step = f64::from(CLKIN_PER_SAMPLE * self.step_samples);
         f64::from(self.latest_clkin()) + 0.5 * (self.weights.len() - 1) as f64 * step
-    }
-
-    /// CLKIN periods from one conversion to the next.
-    pub fn period_clkin(&self) -> u32 {
-        self.period_clkin
     }
 
     fn steps_per_conversion(&self) -> u32 {
@@ -127,11 +123,12 @@ pub struct Ads131m04 {
     /// Registers, frames, buffer. Public, so that tests can disturb them.
     pub chip: mock::Chip,
     clkin: Clkin,
-    filter: Filter,
+    /// The decimation filter in use.
+    pub filter: Filter,
     /// Voltages of the channels at the grid steps, the latest first.
     history: VecDeque<[f64; CHANNELS]>,
-    /// End of the next conversion.
-    next: Option<Cycles>,
+    /// End of the next conversion; [`convert`](Self::convert) must be called then.
+    pub due: Option<Cycles>,
     selected: bool,
     in_reset: bool,
     noise: [f64; CHANNELS],
@@ -148,7 +145,7 @@ impl Ads131m04 {
             clkin: Clkin::default(),
             filter,
             history: VecDeque::new(),
-            next: None,
+            due: None,
             selected: false,
             in_reset: false,
             noise: noise_v,
@@ -161,21 +158,6 @@ impl Ads131m04 {
         self.chip.power_cycle();
         self.selected = false;
         self.restart(now);
-    }
-
-    /// The decimation filter in use.
-    pub fn filter(&self) -> &Filter {
-        &self.filter
-    }
-
-    /// End of the next conversion; [`convert`](Self::convert) must be called then.
-    pub fn due(&self) -> Option<Cycles> {
-        self.next
-    }
-
-    /// Level of DRDY.
-    pub fn drdy(&self) -> bool {
-        self.chip.drdy()
     }
 
     /// Applies the pin levels and the registers written over SPI. Call it after anything that may have changed them.
@@ -197,7 +179,7 @@ impl Ads131m04 {
             self.chip.cs(!cs);
             // A write to CLOCK, the end of standby and the end of reset each restart the conversion.
             restart |= self.chip.register(CLOCK) != clock;
-            restart |= self.next.is_some() != self.chip.period_clkin().is_some() && clkin_cycles.is_some();
+            restart |= self.due.is_some() != self.chip.period_clkin().is_some() && clkin_cycles.is_some();
         }
         if restart {
             self.restart(now);
@@ -208,7 +190,7 @@ impl Ads131m04 {
     fn restart(&mut self, now: Cycles) {
         self.filter = Filter::new(self.chip.osr().stages());
         self.history.clear();
-        self.next = self.after(now);
+        self.due = self.after(now);
     }
 
     /// End of a conversion that starts now.
@@ -241,18 +223,18 @@ impl Ads131m04 {
             *code = self.chip.code(channel, sum + self.noise[channel] * normal);
         }
         self.chip.convert(codes);
-        self.next = self.after(now);
+        self.due = self.after(now);
     }
 
     /// Exchanges a byte over SPI; `mode` is (CPOL, CPHA).
-    pub fn exchange(&mut self, byte: u8, mode: (bool, bool), rate_hz: f64) -> Result<u8, Unknown> {
+    pub fn exchange(&mut self, byte: u8, mode: (bool, bool), rate_hz: f64) -> Modelled<u8> {
         refuse_if(self.selected && mode != (false, true), "the ADS131M04 requires SPI mode 1 (CPOL 0, CPHA 1)")?;
         refuse_if(self.selected && rate_hz > GREATEST_RATE_HZ, "SCLK of the ADS131M04 is above 25 MHz")?;
         Ok(self.chip.shift(byte))
     }
 
     /// Refuses a CLKIN outside the device's range; `hclk_hz` is the core clock \[Hz\].
-    pub fn check_clock(&self, hclk_hz: f64) -> Result<(), Unknown> {
+    pub fn check_clock(&self, hclk_hz: f64) -> Modelled {
         let outside = |cycles: Cycles| !CLKIN_HZ.contains(&(hclk_hz / cycles as f64));
         refuse_if(self.clkin.cycles.is_some_and(outside), "the ADS131M04's CLKIN is outside 0.3 to 8.4 MHz")
     }
@@ -310,7 +292,7 @@ mod tests {
             assert!((filter.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
             // Each of the three boxes ends half a modulator sample before the continuous one, and half a sample is
             // added: in all one sample less, which is two CLKIN periods.
-            let period = f64::from(filter.period_clkin());
+            let period = f64::from(filter.period_clkin);
             assert_eq!(filter.delay_clkin(), delay * period - 2.0, "{stages:?}");
             // Sinc3 has zeros at multiples of its output rate.
             let n = f64::from(stages.0);
@@ -344,12 +326,12 @@ mod tests {
         let mut world = Bridge(|t: f64| slope * t);
         let period = 2048 * CLKIN_CYCLES;
         for n in 1..20 {
-            assert_eq!(ads.due(), Some(n * period));
+            assert_eq!(ads.due, Some(n * period));
             ads.convert(n * period, |cycles| cycles as f64 / HCLK_HZ, &mut world);
-            assert!(!ads.drdy());
+            assert!(!ads.chip.drdy());
             let volts = f64::from(read(&mut ads)) / 8_388_608.0 * 1.2;
-            assert!(ads.drdy());
-            let expected = (n * period) as f64 / HCLK_HZ - ads.filter().delay_clkin() / CLKIN;
+            assert!(ads.chip.drdy());
+            let expected = (n * period) as f64 / HCLK_HZ - ads.filter.delay_clkin() / CLKIN;
             if n > 3 {
                 assert!((volts - slope * expected).abs() < 2e-7, "{n}: {volts} {expected}");
             }
@@ -380,10 +362,10 @@ mod tests {
         let mut ads = converter();
         ads.chip.disturb_register(0x04, 0x5555);
         ads.follow(RESET, 1000);
-        assert_eq!(ads.due(), None);
+        assert_eq!(ads.due, None);
         // A reset pulse below 2048 periods only synchronises the conversion.
         ads.follow(RUNNING, 1000 + 2000 * CLKIN_CYCLES);
-        assert_eq!(ads.due(), Some(1000 + 2000 * CLKIN_CYCLES + 2048 * CLKIN_CYCLES));
+        assert_eq!(ads.due, Some(1000 + 2000 * CLKIN_CYCLES + 2048 * CLKIN_CYCLES));
         assert_eq!(ads.chip.register(0x04), 0x5555);
         ads.follow(RESET, 200_000);
         ads.follow(RUNNING, 200_000 + 3000 * CLKIN_CYCLES);
@@ -395,15 +377,15 @@ mod tests {
         let mut ads = Ads131m04::new([0.0; 4], 0);
         let stopped = Inputs { clkin_cycles: None, ..RUNNING };
         ads.follow(stopped, 0);
-        assert_eq!(ads.due(), None);
+        assert_eq!(ads.due, None);
         ads.chip.disturb_register(0x04, 0x5555);
         ads.follow(Inputs { reset: false, ..stopped }, 0);
         ads.follow(stopped, 1_000_000);
         assert_eq!(ads.chip.register(0x04), 0x5555);
         ads.follow(RUNNING, 2_000_000);
-        assert_eq!(ads.due(), Some(2_000_000 + 2048 * CLKIN_CYCLES));
+        assert_eq!(ads.due, Some(2_000_000 + 2048 * CLKIN_CYCLES));
         ads.follow(stopped, 2_000_100);
-        assert_eq!(ads.due(), None);
+        assert_eq!(ads.due, None);
     }
 
     #[test]

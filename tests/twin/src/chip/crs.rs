@@ -2,19 +2,16 @@
 //!
 //! The twin's oscillator is exact, so trimming changes nothing and each synchronisation reports success.
 
-use crate::registers::peek;
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Storage, Width};
 
-const CR: u32 = 0x00;
-const CFGR: u32 = 0x04;
-const ISR: u32 = 0x08;
-const ICR: u32 = 0x0c;
-
-/// CR: frequency error counter enable.
-const CEN: u32 = 1 << 5;
-/// ISR and ICR: synchronisation OK, and expected synchronisation.
-const SYNCOK: u32 = 1 << 0;
-const ESYNC: u32 = 1 << 3;
+registers! { u32:
+    // Frequency error counter enable.
+    CR 0x00 { CEN 5 },
+    CFGR 0x04,
+    // Synchronisation OK, and expected synchronisation; the same bits in ICR.
+    ISR 0x08 { SYNCOK 0, ESYNC 3 },
+    ICR 0x0c,
+}
 
 /// The CRS registers.
 #[derive(Clone, Debug)]
@@ -25,38 +22,37 @@ pub struct Crs {
 
 impl Default for Crs {
     fn default() -> Self {
-        Self { storage: Storage::new(&[(CR, 0x4000, 0x7fef), (CFGR, 0x2022_bb7f, 0xb7ff_ffff)]), flags: 0 }
+        Self { storage: Storage::shared(&[(CR, 0x4000, 0x7fef), (CFGR, 0x2022_bb7f, 0xb7ff_ffff)]), flags: 0 }
     }
 }
 
 impl Crs {
     /// Processes a pulse of the synchronisation source, which for USB is an SOF packet.
     pub fn synchronise(&mut self) {
-        if self.storage.get(CR) & CEN != 0 {
+        if self.storage[CR] & CEN != 0 {
             self.flags |= SYNCOK | ESYNC;
         }
     }
 
     /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
-        self.flags & self.storage.get(CR) & 0xf != 0
+        self.flags & self.storage[CR] & 0xf != 0
     }
 }
 
 impl Registers for Crs {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
-        match offset & !3 {
-            ISR => Ok(width.part(self.flags, offset)),
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        match register {
+            ISR => Ok(self.flags),
             ICR => Ok(0),
-            _ => peek(&self.storage, offset, width),
+            _ => self.storage.load(register),
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         match offset & !3 {
             ICR => self.flags &= !width.replace(0, offset, value),
-            CR | CFGR => self.storage.write(offset, value, width)?,
-            _ => return Err(Unknown::REGISTER),
+            _ => return self.storage.write(offset, value, width, now),
         }
         Ok(())
     }

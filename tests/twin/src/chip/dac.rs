@@ -10,7 +10,7 @@
 use super::adc::{CODES, REFERENCE_V};
 use super::clocks::Clocks;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 use std::collections::VecDeque;
 
 /// TSEL value of TIM7_TRGO.
@@ -22,18 +22,15 @@ const FROM_RAIL_V: f64 = 0.2;
 /// Number of output changes kept. An ADC reads back less than one step.
 const REMEMBERED: usize = 4;
 
-// CR.
-const EN: u32 = 1 << 0;
-const TEN: u32 = 1 << 1;
+registers! { u32:
+    CR 0x00 { EN 0, TEN 1, DMAEN 12, DMAUDRIE 13 },
+    DHR12R1 0x08,
+    DOR1 0x2C,
+    SR 0x34 { DACRDY 11, DMAUDR 13 },
+    MCR 0x3C,
+}
 const TSEL: u32 = 0xF << 2;
-const DMAEN: u32 = 1 << 12;
-const DMAUDRIE: u32 = 1 << 13;
 const CR_KNOWN: u32 = EN | TEN | TSEL | DMAEN | DMAUDRIE;
-
-// SR.
-const DACRDY: u32 = 1 << 11;
-const DMAUDR: u32 = 1 << 13;
-
 /// HFSEL in MCR.
 const HFSEL: u32 = 3 << 14;
 
@@ -72,18 +69,15 @@ pub struct Dac {
     holding: u32,
     output: u32,
     underrun: bool,
-    request: bool,
+    /// It requests DMA.
+    pub request: bool,
     hclk_hz: f64,
-    quality: Quality,
+    /// Quality of the output.
+    pub quality: Quality,
     changes: VecDeque<Change>,
 }
 
 impl Dac {
-    /// Sets the quality of the output from now on.
-    pub fn set_quality(&mut self, quality: Quality) {
-        self.quality = quality;
-    }
-
     /// Processes a timer's trigger.
     pub fn trigger(&mut self, number: u32, now: Cycles) {
         if self.cr & (EN | TEN) != EN | TEN || (self.cr & TSEL) >> 2 != number {
@@ -95,16 +89,6 @@ impl Dac {
             self.underrun = self.request;
             self.request = !self.underrun;
         }
-    }
-
-    /// Whether it requests DMA.
-    pub fn dma_request(&self) -> bool {
-        self.request
-    }
-
-    /// Clears the DMA request after the transfer.
-    pub fn dma_acknowledge(&mut self) {
-        self.request = false;
     }
 
     /// Level of the interrupt request.
@@ -136,30 +120,29 @@ impl Dac {
 }
 
 impl Registers for Dac {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
-        let word = match offset & !3 {
-            0x00 => self.cr,
-            0x08 => self.holding,
-            0x2C => self.output,
-            0x34 => {
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        Ok(match register {
+            CR => self.cr,
+            DHR12R1 => self.holding,
+            DOR1 => self.output,
+            SR => {
                 let ready = if self.cr & EN != 0 { DACRDY } else { 0 };
                 ready | if self.underrun { DMAUDR } else { 0 }
             }
-            0x3C => self.mcr,
+            MCR => self.mcr,
             _ => return Err(Unknown::REGISTER),
-        };
-        Ok(width.part(word, offset))
+        })
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         if width != Width::Word {
             return Err(Unknown::WIDTH);
         }
         match offset {
-            0x00 if value & !CR_KNOWN != 0 => {
+            CR if value & !CR_KNOWN != 0 => {
                 return refuse("DAC_CR: only channel 1 without wave generation and calibration is modelled");
             }
-            0x00 => {
+            CR => {
                 refuse_if(
                     value & EN != 0 && self.hclk_hz > FAST_HZ && self.mcr & HFSEL != 2 << 14,
                     "DAC_MCR.HFSEL is not 2 with the bus clock above 160 MHz",
@@ -174,15 +157,15 @@ impl Registers for Dac {
                     self.put_out(now);
                 }
             }
-            0x08 => {
+            DHR12R1 => {
                 self.holding = value & 0xFFF;
                 if self.cr & (EN | TEN) == EN {
                     self.put_out(now);
                 }
             }
-            0x34 => self.underrun &= value & DMAUDR == 0,
-            0x3C if value & !HFSEL != 0 => return refuse("DAC_MCR: only normal mode with the buffer is modelled"),
-            0x3C => self.mcr = value,
+            SR => self.underrun &= value & DMAUDR == 0,
+            MCR if value & !HFSEL != 0 => return refuse("DAC_MCR: only normal mode with the buffer is modelled"),
+            MCR => self.mcr = value,
             _ => return Err(Unknown::REGISTER),
         }
         Ok(())
@@ -207,7 +190,7 @@ mod tests {
     fn dac(control: u32) -> Dac {
         let mut dac = Dac::default();
         dac.set_clocks(&Clocks { hclk_hz: HCLK_HZ, ..Clocks::POWER_ON });
-        dac.set_quality(Quality { gain: 1.0, offset_v: 0.0, settling_s: 1e-6 });
+        dac.quality = Quality { gain: 1.0, offset_v: 0.0, settling_s: 1e-6 };
         write(&mut dac, 0x3C, 2 << 14, 0);
         write(&mut dac, 0x08, 2048, 0);
         write(&mut dac, 0x00, control, 0);
@@ -242,15 +225,15 @@ mod tests {
         let mut dac = dac(EN | TEN | TRIGGER_TIM7 << 2 | DMAEN | DMAUDRIE);
         write(&mut dac, 0x08, 100, 10);
         dac.trigger(TRIGGER_TIM7 + 1, 20);
-        assert_eq!((dac.output, dac.dma_request()), (2048, false));
+        assert_eq!((dac.output, dac.request), (2048, false));
         dac.trigger(TRIGGER_TIM7, 30);
-        assert_eq!((dac.output, dac.dma_request()), (100, true));
-        dac.dma_acknowledge();
+        assert_eq!((dac.output, dac.request), (100, true));
+        dac.request = false;
         dac.trigger(TRIGGER_TIM7, 40);
-        assert!(dac.dma_request() && !dac.irq());
+        assert!(dac.request && !dac.irq());
         // No transfer follows.
         dac.trigger(TRIGGER_TIM7, 50);
-        assert!(dac.irq() && !dac.dma_request());
+        assert!(dac.irq() && !dac.request);
         write(&mut dac, 0x34, DMAUDR, 60);
         assert!(!dac.irq());
     }

@@ -11,24 +11,22 @@
 
 use super::errata::Errata;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
 /// Number of channels of a controller.
 pub const CHANNELS: usize = 8;
 
-// DMA_CCRx.
-const EN: u32 = 1 << 0;
-const TCIE: u32 = 1 << 1;
-const HTIE: u32 = 1 << 2;
-const TEIE: u32 = 1 << 3;
-const DIR: u32 = 1 << 4;
-const CIRC: u32 = 1 << 5;
-const PINC: u32 = 1 << 6;
-const MINC: u32 = 1 << 7;
+// Registers of a channel, by their place in its group.
+registers! { u32:
+    CCR 0x00 { EN 0, TCIE 1, HTIE 2, TEIE 3, DIR 4, CIRC 5, PINC 6, MINC 7, MEM2MEM 14 },
+    CNDTR 0x04,
+    CPAR 0x08,
+    CMAR 0x0C,
+}
+// Fields of CCR.
 const PSIZE: u32 = 3 << 8;
 const MSIZE: u32 = 3 << 10;
 const PL: u32 = 3 << 12;
-const MEM2MEM: u32 = 1 << 14;
 /// Interrupt enables, at the positions of their flags.
 const INTERRUPTS: u32 = TCIE | HTIE | TEIE;
 /// Fields that must not change while the channel is enabled.
@@ -68,8 +66,9 @@ pub struct Transfer {
     pub direction: Direction,
 }
 
+/// A channel.
 #[derive(Clone, Copy, Debug, Default)]
-struct Channel {
+pub struct Channel {
     ccr: u32,
     /// Transfers left in this pass.
     cndtr: u32,
@@ -79,10 +78,15 @@ struct Channel {
     lap: u32,
     /// Flags except the global one.
     flags: u32,
+    /// Until when it is denied the bus, as if another master held it. Its requests wait.
+    pub stalled: Option<Cycles>,
+    /// Every transfer fails.
+    pub broken: bool,
 }
 
 impl Channel {
-    fn is_enabled(&self) -> bool {
+    /// Whether it is enabled.
+    pub fn is_enabled(&self) -> bool {
         self.ccr & EN != 0
     }
 
@@ -91,7 +95,7 @@ impl Channel {
         self.lap - self.cndtr
     }
 
-    fn width(&self, shift: u32) -> Result<Width, Unknown> {
+    fn width(&self, shift: u32) -> Modelled<Width> {
         match self.ccr >> shift & 3 {
             0 => Ok(Width::Byte),
             1 => Ok(Width::Half),
@@ -100,12 +104,16 @@ impl Channel {
         }
     }
 
-    fn interrupts(&self) -> bool {
+    /// Level of the interrupt request.
+    pub fn irq(&self) -> bool {
         self.flags & self.ccr & INTERRUPTS != 0
     }
 
-    /// Transfers until a flag with an enabled interrupt is set; none if that never happens.
-    fn until_interrupt(&self) -> Option<u32> {
+    /// Transfers until the interrupt request is raised; none if that never happens.
+    pub fn transfers_until_interrupt(&self) -> Option<u32> {
+        if self.broken && self.ccr & (TEIE | EN) == TEIE | EN {
+            return Some(1);
+        }
         if !self.is_enabled() || self.cndtr == 0 {
             return None;
         }
@@ -119,120 +127,74 @@ impl Channel {
         let end = Some(self.cndtr).filter(|_| self.ccr & TCIE != 0);
         half.into_iter().chain(end).min()
     }
-}
 
-/// One controller.
-#[derive(Clone, Debug)]
-pub struct Dma {
-    channels: [Channel; CHANNELS],
-    errata: Errata,
-    /// The channel that is denied the bus, and until when.
-    stall: Option<(usize, Cycles)>,
-    /// The channel whose transfers all fail.
-    broken: Option<usize>,
-}
-
-impl Default for Dma {
-    fn default() -> Self {
-        Self { channels: Default::default(), errata: Errata::NONE, stall: None, broken: None }
-    }
-}
-
-impl Dma {
-    /// Sets the errata that apply from now on.
-    pub fn set_errata(&mut self, errata: Errata) {
-        self.errata = errata;
-    }
-
-    /// The transfer that the channel would do on a request; none if it is disabled, has completed, or is stalled.
-    pub fn transfer(&self, channel: usize) -> Result<Option<Transfer>, Unknown> {
-        let Some(it) = self.channels.get(channel) else { return Ok(None) };
-        if !it.is_enabled() || it.cndtr == 0 || self.stall.is_some_and(|(stalled, _)| stalled == channel) {
+    /// The transfer that it would do on a request; none if it is disabled, has completed, or is stalled.
+    pub fn transfer(&self) -> Modelled<Option<Transfer>> {
+        if !self.is_enabled() || self.cndtr == 0 || self.stalled.is_some() {
             return Ok(None);
         }
-        refuse_if(it.ccr & MEM2MEM != 0, "DMA_CCR.MEM2MEM: memory-to-memory mode is not modelled")?;
-        let (peripheral_width, memory_width) = (it.width(8)?, it.width(10)?);
+        refuse_if(self.ccr & MEM2MEM != 0, "DMA_CCR.MEM2MEM: memory-to-memory mode is not modelled")?;
+        let (peripheral_width, memory_width) = (self.width(8)?, self.width(10)?);
         let place = |base: u32, moves: u32, width: Width| {
             // An address is aligned to the transfer size: the lowest bits are ignored (12.6.5, 12.6.6).
-            let step = if it.ccr & moves != 0 { it.done() * width.bytes() } else { 0 };
+            let step = if self.ccr & moves != 0 { self.done() * width.bytes() } else { 0 };
             (base & !(width.bytes() - 1)).wrapping_add(step)
         };
         Ok(Some(Transfer {
-            peripheral: place(it.cpar, PINC, peripheral_width),
+            peripheral: place(self.cpar, PINC, peripheral_width),
             peripheral_width,
-            memory: place(it.cmar, MINC, memory_width),
+            memory: place(self.cmar, MINC, memory_width),
             memory_width,
-            direction: if it.ccr & DIR != 0 { Direction::ToPeripheral } else { Direction::ToMemory },
+            direction: if self.ccr & DIR != 0 { Direction::ToPeripheral } else { Direction::ToMemory },
         }))
     }
 
     /// Counts a transfer that was done; returns whether it was the last of a pass. A failed transfer does not count.
-    pub fn complete(&mut self, channel: usize) -> bool {
-        let Some(it) = self.channels.get_mut(channel).filter(|it| it.is_enabled()) else { return false };
-        it.cndtr = it.cndtr.saturating_sub(1);
-        if it.done() == it.lap / 2 {
-            it.flags |= flag::HALF;
-        }
-        if it.cndtr > 0 {
+    pub fn complete(&mut self) -> bool {
+        if !self.is_enabled() {
             return false;
         }
-        it.flags |= flag::COMPLETE;
-        if it.ccr & CIRC != 0 {
-            it.cndtr = it.lap;
+        self.cndtr = self.cndtr.saturating_sub(1);
+        if self.done() == self.lap / 2 {
+            self.flags |= flag::HALF;
+        }
+        if self.cndtr > 0 {
+            return false;
+        }
+        self.flags |= flag::COMPLETE;
+        if self.ccr & CIRC != 0 {
+            self.cndtr = self.lap;
         }
         true
     }
 
     /// The transfer hit a reserved address, or the bus refused it: a transfer error disables the channel (12.4.7).
-    pub fn fail(&mut self, channel: usize) {
-        if let Some(it) = self.channels.get_mut(channel) {
-            it.flags |= flag::ERROR;
-            it.ccr &= !EN;
-        }
+    pub fn fail(&mut self) {
+        self.flags |= flag::ERROR;
+        self.ccr &= !EN;
     }
+}
 
-    /// Makes every transfer of this channel fail.
-    pub fn break_off(&mut self, channel: usize) {
-        self.broken = Some(channel);
-    }
+/// One controller.
+#[derive(Clone, Debug, Default)]
+pub struct Dma {
+    /// Its channels, the first of which has number 1.
+    pub channels: [Channel; CHANNELS],
+    /// Errata in force.
+    pub errata: Errata,
+}
 
-    /// Whether every transfer of this channel fails.
-    pub fn is_broken(&self, channel: usize) -> bool {
-        self.broken == Some(channel)
-    }
-
-    /// Level of the channel's interrupt request.
-    pub fn irq(&self, channel: usize) -> bool {
-        self.channels.get(channel).is_some_and(Channel::interrupts)
-    }
-
-    /// Whether the channel is enabled.
-    pub fn is_enabled(&self, channel: usize) -> bool {
-        self.channels.get(channel).is_some_and(Channel::is_enabled)
-    }
-
-    /// Transfers until the channel raises its interrupt request; none if it never does.
-    pub fn transfers_until_interrupt(&self, channel: usize) -> Option<u32> {
-        let it = self.channels.get(channel)?;
-        let fails = self.is_broken(channel) && it.ccr & TEIE != 0 && it.is_enabled();
-        if fails { Some(1) } else { it.until_interrupt() }
-    }
-
-    /// Denies a channel the bus until `end`, as if another master held it. Its requests wait.
-    pub fn stall(&mut self, channel: usize, end: Cycles) {
-        self.stall = Some((channel, end));
-    }
-
+impl Dma {
     /// The channel at an offset, and the register within its group of five words. The first group starts at 0x08.
-    fn place(offset: u32) -> Option<(usize, u32)> {
-        let offset = offset.checked_sub(0x08)?;
-        let channel = (offset / 0x14) as usize;
-        (channel < CHANNELS).then_some((channel, offset % 0x14))
+    fn place(&mut self, offset: u32) -> Modelled<(&mut Channel, u32)> {
+        let offset = offset.checked_sub(0x08).ok_or(Unknown::REGISTER)?;
+        let channel = self.channels.get_mut((offset / 0x14) as usize).ok_or(Unknown::REGISTER)?;
+        Ok((channel, offset % 0x14))
     }
 }
 
 impl Registers for Dma {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         if width != Width::Word {
             return Err(Unknown::WIDTH);
         }
@@ -240,16 +202,17 @@ impl Registers for Dma {
             let nibble = |flags: u32| flags | if flags != 0 { flag::GLOBAL } else { 0 };
             return Ok((0..).zip(&self.channels).map(|(n, it)| nibble(it.flags) << (4 * n)).sum());
         }
-        match Self::place(offset).and_then(|(n, register)| self.channels.get(n).zip(Some(register))) {
-            Some((it, 0x00)) => Ok(it.ccr),
-            Some((it, 0x04)) => Ok(it.cndtr),
-            Some((it, 0x08)) => Ok(it.cpar),
-            Some((it, 0x0C)) => Ok(it.cmar),
+        let (it, register) = self.place(offset)?;
+        match register {
+            CCR => Ok(it.ccr),
+            CNDTR => Ok(it.cndtr),
+            CPAR => Ok(it.cpar),
+            CMAR => Ok(it.cmar),
             _ => Err(Unknown::REGISTER),
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
         if width != Width::Word {
             return Err(Unknown::WIDTH);
         }
@@ -264,10 +227,8 @@ impl Registers for Dma {
             }
             return Ok(());
         }
-        let (it, register) = Self::place(offset)
-            .and_then(|(n, register)| self.channels.get_mut(n).zip(Some(register)))
-            .ok_or(Unknown::REGISTER)?;
-        if register == 0x00 {
+        let (it, register) = self.place(offset)?;
+        if register == CCR {
             let value = value & CCR_ALL;
             refuse_if(
                 it.is_enabled() && value & EN != 0 && (it.ccr ^ value) & FIXED != 0,
@@ -282,9 +243,9 @@ impl Registers for Dma {
         }
         refuse_if(it.is_enabled(), "DMA_CNDTR, CPAR or CMAR: written while the channel is enabled")?;
         match register {
-            0x04 => (it.cndtr, it.lap) = (value & 0xFFFF, value & 0xFFFF),
-            0x08 => it.cpar = value,
-            0x0C => it.cmar = value,
+            CNDTR => (it.cndtr, it.lap) = (value & 0xFFFF, value & 0xFFFF),
+            CPAR => it.cpar = value,
+            CMAR => it.cmar = value,
             _ => return Err(Unknown::REGISTER),
         }
         Ok(())
@@ -292,15 +253,15 @@ impl Registers for Dma {
 
     /// The end of a stall. Everything else waits for a request.
     fn next_event(&self) -> Option<Cycles> {
-        self.stall.map(|(_, end)| end)
+        self.channels.iter().filter_map(|it| it.stalled).min()
     }
 
     fn advance(&mut self, now: Cycles) {
-        self.stall = self.stall.filter(|(_, end)| *end > now);
+        self.channels.iter_mut().for_each(|it| it.stalled = it.stalled.filter(|end| *end > now));
     }
 
     fn reset(&mut self, _: Cycles) {
-        *self = Self { errata: self.errata, broken: self.broken, ..Self::default() };
+        self.channels = self.channels.map(|it| Channel { broken: it.broken, ..Channel::default() });
     }
 }
 
@@ -336,10 +297,10 @@ mod tests {
         let mut dma = ring(4, HALVES | CIRC | MINC | HTIE | TCIE);
         let places: Vec<u32> = (0..6)
             .map(|_| {
-                let transfer = dma.transfer(CHANNEL).unwrap().unwrap();
+                let transfer = dma.channels[CHANNEL].transfer().unwrap().unwrap();
                 assert_eq!((transfer.peripheral, transfer.direction), (0x5000_0040, Direction::ToMemory));
                 assert_eq!((transfer.peripheral_width, transfer.memory_width), (Half, Half));
-                dma.complete(CHANNEL);
+                dma.channels[CHANNEL].complete();
                 transfer.memory - 0x2000_0100
             })
             .collect();
@@ -352,14 +313,15 @@ mod tests {
         let mut dma = ring(4, HALVES | CIRC | MINC | HTIE);
         let mut seen = Vec::new();
         for _ in 0..4 {
-            dma.complete(CHANNEL);
-            seen.push((read(&mut dma, ISR, 0), dma.irq(CHANNEL)));
+            dma.channels[CHANNEL].complete();
+            seen.push((read(&mut dma, ISR, 0), dma.channels[CHANNEL].irq()));
         }
         let half = (flag::GLOBAL | flag::HALF) << 4;
         assert_eq!(seen, [(0, false), (half, true), (half, true), (half | flag::COMPLETE << 4, true)]);
         // The interrupt request follows the flag whose interrupt is enabled.
         write(&mut dma, IFCR, flag::HALF << 4, 0);
-        assert_eq!((read(&mut dma, ISR, 0), dma.irq(CHANNEL)), ((flag::GLOBAL | flag::COMPLETE) << 4, false));
+        let seen = (read(&mut dma, ISR, 0), dma.channels[CHANNEL].irq());
+        assert_eq!(seen, ((flag::GLOBAL | flag::COMPLETE) << 4, false));
         write(&mut dma, IFCR, flag::GLOBAL << 4, 0);
         assert_eq!(read(&mut dma, ISR, 0), 0);
     }
@@ -367,10 +329,10 @@ mod tests {
     #[test]
     fn all_flags_of_a_channel_are_cleared_at_once_only_while_it_is_off() {
         let mut dma = ring(2, HALVES);
-        dma.set_errata(Errata::ALL);
+        dma.errata = Errata::ALL;
         assert!(refuses(&mut dma, IFCR, flag::GLOBAL << 4, 0));
         assert_eq!(dma.write(IFCR, flag::ALL << 4, Word, 0), Ok(()));
-        dma.fail(CHANNEL);
+        dma.channels[CHANNEL].fail();
         assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Word, 0), Ok(()));
         assert_eq!(read(&mut dma, ISR, 0), 0);
         // Without errata the write is always accepted.
@@ -381,11 +343,11 @@ mod tests {
     #[test]
     fn a_channel_without_circ_stops() {
         let mut dma = ring(2, HALVES | MINC | TCIE);
-        assert!(!dma.complete(CHANNEL));
-        assert!(dma.complete(CHANNEL));
-        assert_eq!(dma.transfer(CHANNEL), Ok(None));
-        assert!(dma.irq(CHANNEL) && dma.is_enabled(CHANNEL));
-        assert_eq!(dma.transfers_until_interrupt(CHANNEL), None);
+        assert!(!dma.channels[CHANNEL].complete());
+        assert!(dma.channels[CHANNEL].complete());
+        assert_eq!(dma.channels[CHANNEL].transfer(), Ok(None));
+        assert!(dma.channels[CHANNEL].irq() && dma.channels[CHANNEL].is_enabled());
+        assert_eq!(dma.channels[CHANNEL].transfers_until_interrupt(), None);
     }
 
     #[test]
@@ -393,26 +355,26 @@ mod tests {
         for enabled in [HTIE, TCIE, HTIE | TCIE] {
             let mut dma = ring(6, HALVES | CIRC | MINC | enabled);
             for _ in 0..20 {
-                let told = dma.transfers_until_interrupt(CHANNEL).unwrap();
+                let told = dma.channels[CHANNEL].transfers_until_interrupt().unwrap();
                 let mut counted = 0;
                 let mut ahead = dma.clone();
-                while !ahead.irq(CHANNEL) {
-                    ahead.complete(CHANNEL);
+                while !ahead.channels[CHANNEL].irq() {
+                    ahead.channels[CHANNEL].complete();
                     counted += 1;
                 }
                 assert_eq!(told, counted);
-                dma.complete(CHANNEL);
+                dma.channels[CHANNEL].complete();
                 write(&mut dma, IFCR, 0xF << 4, 0);
             }
         }
-        assert_eq!(ring(6, HALVES | CIRC).transfers_until_interrupt(CHANNEL), None);
+        assert_eq!(ring(6, HALVES | CIRC).channels[CHANNEL].transfers_until_interrupt(), None);
     }
 
     #[test]
     fn words_to_a_peripheral() {
         let mut dma = ring(3, 1 << 10 | DIR | MINC | PINC);
-        dma.complete(CHANNEL);
-        let transfer = dma.transfer(CHANNEL).unwrap().unwrap();
+        dma.channels[CHANNEL].complete();
+        let transfer = dma.channels[CHANNEL].transfer().unwrap().unwrap();
         assert_eq!(transfer.direction, Direction::ToPeripheral);
         assert_eq!((transfer.memory, transfer.peripheral), (0x2000_0102, 0x5000_0041));
     }
@@ -430,38 +392,38 @@ mod tests {
         write(&mut dma, CNDTR, 7, 0);
         assert!(dma.read(0xA8, Word, 0).is_err());
         write(&mut dma, CCR, MEM2MEM | EN, 0);
-        assert!(dma.transfer(CHANNEL).is_err());
+        assert!(dma.channels[CHANNEL].transfer().is_err());
         write(&mut dma, CCR, 0, 0);
         write(&mut dma, CCR, PSIZE | EN, 0);
-        assert!(dma.transfer(CHANNEL).is_err());
+        assert!(dma.channels[CHANNEL].transfer().is_err());
     }
 
     #[test]
     fn an_error_stops_the_channel_and_raises_its_line() {
         let mut dma = ring(4, HALVES | TEIE);
-        assert_eq!(dma.transfers_until_interrupt(CHANNEL), None);
-        dma.break_off(CHANNEL);
-        assert_eq!(dma.transfers_until_interrupt(CHANNEL), Some(1));
-        dma.fail(CHANNEL);
-        assert!(!dma.complete(CHANNEL));
+        assert_eq!(dma.channels[CHANNEL].transfers_until_interrupt(), None);
+        dma.channels[CHANNEL].broken = true;
+        assert_eq!(dma.channels[CHANNEL].transfers_until_interrupt(), Some(1));
+        dma.channels[CHANNEL].fail();
+        assert!(!dma.channels[CHANNEL].complete());
         assert_eq!(read(&mut dma, CNDTR, 0), 4, "it counts for nothing");
-        assert!(dma.irq(CHANNEL) && !dma.is_enabled(CHANNEL));
+        assert!(dma.channels[CHANNEL].irq() && !dma.channels[CHANNEL].is_enabled());
         assert_eq!(read(&mut dma, ISR, 0), (flag::GLOBAL | flag::ERROR) << 4);
         assert!(refuses(&mut dma, CCR, HALVES | EN, 0));
         write(&mut dma, IFCR, flag::ERROR << 4, 0);
         write(&mut dma, CCR, HALVES | EN, 0);
-        assert!(dma.is_enabled(CHANNEL));
+        assert!(dma.channels[CHANNEL].is_enabled());
     }
 
     #[test]
     fn a_stalled_channel_waits() {
         let mut dma = ring(4, HALVES);
-        dma.stall(CHANNEL, 100);
+        dma.channels[CHANNEL].stalled = Some(100);
         dma.advance(99);
-        assert_eq!((dma.transfer(CHANNEL), dma.next_event()), (Ok(None), Some(100)));
-        assert_eq!(dma.transfer(0), Ok(None), "not enabled");
+        assert_eq!((dma.channels[CHANNEL].transfer(), dma.next_event()), (Ok(None), Some(100)));
+        assert_eq!(dma.channels[0].transfer(), Ok(None), "not enabled");
         dma.advance(100);
-        assert!(dma.transfer(CHANNEL).unwrap().is_some());
+        assert!(dma.channels[CHANNEL].transfer().unwrap().is_some());
         assert_eq!(dma.next_event(), None);
     }
 

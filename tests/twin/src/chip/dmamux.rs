@@ -5,59 +5,51 @@
 //!
 //! Sources: RM0440 chapter 13, registers 13.6.1 to 13.6.6; request numbers, table 91 (the same in stm32-metapac 21.0).
 
+use super::adc::Unit;
 use crate::registers::refuse;
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Storage, Unknown, Width};
 
 /// Number of multiplexer channels.
 pub const CHANNELS: usize = 16;
 
-/// Request numbers of the modelled peripherals.
+/// What the modelled peripherals request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
 pub enum Request {
-    /// ADC1 has a result.
-    Adc1 = 5,
+    /// A converter has a result.
+    Adc(Unit),
     /// DAC1 requests a code.
-    Dac1 = 6,
-    /// Update of TIM6.
-    Tim6Update = 8,
-    /// Update of TIM7.
-    Tim7Update = 9,
-    /// SPI2 has received data.
-    Spi2Receive = 12,
-    /// SPI2 has room in its transmit FIFO.
-    Spi2Transmit = 13,
-    /// ADC2 has a result.
-    Adc2 = 36,
-    /// ADC3 has a result.
-    Adc3 = 37,
-    /// ADC4 has a result.
-    Adc4 = 38,
-    /// ADC5 has a result.
-    Adc5 = 39,
+    Dac1,
     /// DAC2 requests a code.
-    Dac2 = 41,
+    Dac2,
+    /// Update of TIM6.
+    Tim6Update,
+    /// Update of TIM7.
+    Tim7Update,
+    /// SPI2 has received data.
+    Spi2Receive,
+    /// SPI2 has room in its transmit FIFO.
+    Spi2Transmit,
 }
 
 impl Request {
-    /// All of them, in order of service.
-    pub const ALL: [Self; 11] = [
-        Self::Adc1,
-        Self::Tim6Update,
-        Self::Spi2Receive,
-        Self::Spi2Transmit,
-        Self::Adc2,
-        Self::Adc3,
-        Self::Adc4,
-        Self::Adc5,
-        Self::Tim7Update,
-        Self::Dac1,
-        Self::Dac2,
+    /// All of them with their numbers, in order of service.
+    pub const ALL: [(Self, u8); 11] = [
+        (Self::Adc(Unit::One), 5),
+        (Self::Tim6Update, 8),
+        (Self::Spi2Receive, 12),
+        (Self::Spi2Transmit, 13),
+        (Self::Adc(Unit::Two), 36),
+        (Self::Adc(Unit::Three), 37),
+        (Self::Adc(Unit::Four), 38),
+        (Self::Adc(Unit::Five), 39),
+        (Self::Tim7Update, 9),
+        (Self::Dac1, 6),
+        (Self::Dac2, 41),
     ];
 
     /// The request with this number; none if no model raises it.
     pub fn of(number: u8) -> Option<Self> {
-        Self::ALL.into_iter().find(|request| *request as u8 == number)
+        Self::ALL.into_iter().find_map(|(request, its)| (its == number).then_some(request))
     }
 }
 
@@ -72,67 +64,46 @@ const CCR_ALL: u32 = 0x1FFF_0300 | DMAREQ_ID;
 const RGCR_ALL: u32 = 0x00FF_011F;
 
 /// The multiplexer.
-#[derive(Clone, Debug, Default)]
-pub struct Dmamux {
-    channels: [u32; CHANNELS],
-    generators: [u32; 4],
+#[derive(Clone, Debug)]
+pub struct Dmamux(Storage);
+
+impl Default for Dmamux {
+    fn default() -> Self {
+        let channels = (0..CHANNELS as u32).map(|n| (4 * n, 0, CCR_ALL));
+        let generators = (0..4).map(|n| (0x100 + 4 * n, 0, RGCR_ALL));
+        // CSR and RGSR: there is no overrun without synchronisation and generators.
+        let registers: Vec<_> = channels.chain(generators).chain([(0x80, 0, 0), (0x140, 0, 0)]).collect();
+        Self(Storage::shared(&registers))
+    }
 }
 
 impl Dmamux {
     /// Number of the request assigned to a channel; 0 is none.
     pub fn request(&self, channel: usize) -> u8 {
-        self.channels.get(channel).map_or(0, |ccr| (ccr & DMAREQ_ID) as u8)
-    }
-
-    /// Channels to which the request is assigned.
-    pub fn listeners(&self, request: Request) -> impl Iterator<Item = usize> {
-        (0..CHANNELS).filter(move |channel| self.request(*channel) == request as u8)
+        (self.0[4 * channel as u32] & DMAREQ_ID) as u8
     }
 }
 
 impl Registers for Dmamux {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
-        if width != Width::Word {
-            return Err(Unknown::WIDTH);
-        }
-        let place = (offset / 4) as usize;
-        match offset {
-            0x00..=0x3C => Ok(self.channels.get(place).copied().unwrap_or(0)),
-            // There is no overrun without synchronisation and generators.
-            0x80 | 0x140 => Ok(0),
-            0x100..=0x10C => Ok(self.generators.get(place - 0x40).copied().unwrap_or(0)),
-            _ => Err(Unknown::REGISTER),
-        }
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
+        if width == Width::Word { self.0.load(offset) } else { Err(Unknown::WIDTH) }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         if width != Width::Word {
             return Err(Unknown::WIDTH);
         }
-        let place = (offset / 4) as usize;
         match offset {
-            0x00..=0x3C if value & SE != 0 => return refuse("DMAMUX_CxCR.SE: synchronisation is not modelled"),
-            0x00..=0x3C => {
-                if let Some(channel) = self.channels.get_mut(place) {
-                    *channel = value & CCR_ALL;
-                }
-            }
-            0x84 | 0x144 => {}
-            0x100..=0x10C if value & 1 << 16 != 0 => {
-                return refuse("DMAMUX_RGxCR.GE: request generators are not modelled");
-            }
-            0x100..=0x10C => {
-                if let Some(generator) = self.generators.get_mut(place - 0x40) {
-                    *generator = value & RGCR_ALL;
-                }
-            }
-            _ => return Err(Unknown::REGISTER),
+            0x00..=0x3C if value & SE != 0 => refuse("DMAMUX_CxCR.SE: synchronisation is not modelled"),
+            0x100..=0x10C if value & 1 << 16 != 0 => refuse("DMAMUX_RGxCR.GE: request generators are not modelled"),
+            0x84 | 0x144 => Ok(()),
+            0x80 | 0x140 => Err(Unknown::REGISTER),
+            _ => self.0.write(offset, value, width, now),
         }
-        Ok(())
     }
 
     fn reset(&mut self, _: Cycles) {
-        *self = Self::default();
+        self.0.reset();
     }
 }
 
@@ -146,10 +117,10 @@ mod tests {
         let mut mux = Dmamux::default();
         write(&mut mux, 0x04, 36, 0);
         write(&mut mux, 0x3C, 36 | 1 << 9, 0);
-        assert_eq!(mux.listeners(Request::Adc2).collect::<Vec<_>>(), [1, 15]);
-        assert_eq!((mux.request(0), mux.request(1)), (0, 36));
+        assert_eq!((0..CHANNELS).map(|channel| mux.request(channel)).filter(|number| *number == 36).count(), 2);
+        assert_eq!([0, 1, 15].map(|channel| mux.request(channel)), [0, 36, 36]);
         assert_eq!(mux.read(0x3C, Width::Word, 0), Ok(36 | 1 << 9));
-        assert_eq!(Request::of(36), Some(Request::Adc2));
+        assert_eq!(Request::of(36), Some(Request::Adc(Unit::Two)));
         assert_eq!(Request::of(0), None);
     }
 

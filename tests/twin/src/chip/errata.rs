@@ -7,7 +7,7 @@
 //! is none without it.
 
 /// The errata that the model applies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Errata {
     /// 2.2.7. The first write to each part of SRAM after a reset at an unlucky moment may be lost. A part with parity
     /// must be initialised; for the others a read is enough. The boot loader of public firmware does so (startup_ram.c
@@ -74,11 +74,5 @@ impl Errata {
             dma_global_clear: on,
             lsi_with_rtc: on,
         }
-    }
-}
-
-impl Default for Errata {
-    fn default() -> Self {
-        Self::ALL
     }
 }

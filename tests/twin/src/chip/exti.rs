@@ -3,17 +3,18 @@
 //! Lines 0 to 15 are pins (SYSCFG selects the port), 16 is the PVD, 18 the USB wake-up. Event masks (EMR) are storage,
 //! as the twin has no sleep mode that needs them.
 
-use crate::registers::peek;
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Storage, Width};
 
-const IMR1: u32 = 0x00;
-const EMR1: u32 = 0x04;
-const RTSR1: u32 = 0x08;
-const FTSR1: u32 = 0x0c;
-const SWIER1: u32 = 0x10;
-const PR1: u32 = 0x14;
-const IMR2: u32 = 0x20;
-const EMR2: u32 = 0x24;
+registers! { u32:
+    IMR1 0x00,
+    EMR1 0x04,
+    RTSR1 0x08,
+    FTSR1 0x0c,
+    SWIER1 0x10,
+    PR1 0x14,
+    IMR2 0x20,
+    EMR2 0x24,
+}
 
 /// The controller.
 #[derive(Clone, Debug)]
@@ -24,52 +25,46 @@ pub struct Exti {
 
 impl Default for Exti {
     fn default() -> Self {
-        let storage = Storage::new(&[
+        // All users of the lines share these registers, and each changes one bit.
+        let shared = Storage::shared(&[
             (IMR1, 0x1f84_0000, u32::MAX),
             (EMR1, 0, u32::MAX),
             (RTSR1, 0, u32::MAX),
             (FTSR1, 0, u32::MAX),
-            (SWIER1, 0, u32::MAX),
-            (IMR2, 0xffff_ff3c, u32::MAX),
-            (EMR2, 0, u32::MAX),
         ]);
-        Self { storage, pending: 0 }
+        let others = Storage::new(&[(SWIER1, 0, u32::MAX), (IMR2, 0xffff_ff3c, u32::MAX), (EMR2, 0, u32::MAX)]);
+        Self { storage: shared.and(others), pending: 0 }
     }
 }
 
 impl Exti {
     /// Processes an edge on a line.
     pub fn edge(&mut self, line: usize, rising: bool) {
-        let trigger = self.storage.get(if rising { RTSR1 } else { FTSR1 });
+        let trigger = self.storage[if rising { RTSR1 } else { FTSR1 }];
         self.pending |= trigger & 1 << line;
     }
 
     /// Whether an unmasked request is pending on any of these lines (bit mask).
     pub fn requests(&self, lines: u32) -> bool {
-        self.pending & self.storage.get(IMR1) & lines != 0
+        self.pending & self.storage[IMR1] & lines != 0
     }
 
     /// Whether a direct line, which has no pending bit, is unmasked.
     pub fn unmasked(&self, line: usize) -> bool {
-        self.storage.get(IMR1) >> line & 1 != 0
+        self.storage[IMR1] >> line & 1 != 0
     }
 }
 
 impl Registers for Exti {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
-        match offset & !3 {
-            PR1 => Ok(width.part(self.pending, offset)),
-            // All users of the lines share these registers, and each changes one bit.
-            IMR1 | EMR1 | RTSR1 | FTSR1 => peek(&self.storage, offset, width),
-            _ => self.storage.read(offset, width),
-        }
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        if register == PR1 { Ok(self.pending) } else { self.storage.load(register) }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         match offset & !3 {
             PR1 => self.pending &= !width.replace(0, offset, value),
-            SWIER1 => self.pending |= width.replace(0, offset, value) & self.storage.get(IMR1),
-            _ => self.storage.write(offset, value, width)?,
+            SWIER1 => self.pending |= width.replace(0, offset, value) & self.storage[IMR1],
+            _ => return self.storage.write(offset, value, width, now),
         }
         Ok(())
     }

@@ -14,7 +14,7 @@
 use super::rom;
 use crate::registers::{refuse, refuse_if};
 use crate::{
-    Cycles, Registers, Storage, Unknown, Width,
+    Cycles, Modelled, Registers, Storage, Width,
     chip::{
         clocks::Clocks,
         errata::Errata,
@@ -49,53 +49,31 @@ pub struct Access {
 const PROGRAM_S: f64 = 85e-6;
 const ERASE_S: f64 = 22e-3;
 
-const ACR: u32 = 0x00;
-const KEYR: u32 = 0x08;
-const OPTKEYR: u32 = 0x0c;
-const SR: u32 = 0x10;
-const CR: u32 = 0x14;
-const ECCR: u32 = 0x18;
-const OPTR: u32 = 0x20;
+registers! { u32:
+    // Instruction cache enable, data cache enable, data cache reset.
+    ACR 0x00 { ICEN 9, DCEN 10, DCRST 12 },
+    KEYR 0x08,
+    OPTKEYR 0x0c,
+    SR 0x10 { EOP 0, OPERR 1, PROGERR 3, PGAERR 5, SIZERR 6, PGSERR 7, BSY 16 },
+    CR 0x14 { PG 0, PER 1, BKER 11, STRT 16, OPTSTRT 17, EOPIE 24, ERRIE 25, OBL_LAUNCH 27, OPTLOCK 30, LOCK 31 },
+    // The failing double word is in bank 2; interrupt enable; a double-bit error, which cannot be corrected.
+    ECCR 0x18 { BK_ECC 21, ECCIE 24, ECCD 31 },
+    // Dual-bank mode.
+    OPTR 0x20 { DBANK 22 },
+}
 /// OPTR: reserved bits, which keep their factory value.
 const OPTR_RESERVED: u32 = 0x8020_8800;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
 
-/// OPTR: dual-bank mode.
-const DBANK: u32 = 1 << 22;
-/// ACR: instruction cache enable, data cache enable, data cache reset.
-const ICEN: u32 = 1 << 9;
-const DCEN: u32 = 1 << 10;
-const DCRST: u32 = 1 << 12;
-const EOP: u32 = 1 << 0;
-const OPERR: u32 = 1 << 1;
-const PROGERR: u32 = 1 << 3;
-const PGAERR: u32 = 1 << 5;
-const SIZERR: u32 = 1 << 6;
-const PGSERR: u32 = 1 << 7;
 /// Flags of SR that block programming and erasing while set.
 const ERRORS: u32 = 0x3f8;
-const BSY: u32 = 1 << 16;
-const PG: u32 = 1 << 0;
-const PER: u32 = 1 << 1;
-const BKER: u32 = 1 << 11;
-const STRT: u32 = 1 << 16;
-const OPTSTRT: u32 = 1 << 17;
-const EOPIE: u32 = 1 << 24;
-const ERRIE: u32 = 1 << 25;
-const OBL_LAUNCH: u32 = 1 << 27;
-const OPTLOCK: u32 = 1 << 30;
-const LOCK: u32 = 1 << 31;
 /// CR: PG, PER, PNB, BKER and the interrupt enables. The other bits start an operation or have no model.
 const CR_KEPT: u32 = PG | PER | 0x7f << 3 | BKER | EOPIE | ERRIE;
 const CR_UNKNOWN: u32 = 1 << 2 | 1 << 15 | 1 << 18 | 3 << 28;
-/// ECCR: the failing double word is in bank 2. ECCD below flags a double-bit error, which cannot be corrected.
-const BK_ECC: u32 = 1 << 21;
 /// ECCR: address, bank, system flash.
 const ECC_PLACE: u32 = 0x7_ffff | BK_ECC | 1 << 22;
-const ECCIE: u32 = 1 << 24;
-const ECCD: u32 = 1 << 31;
 
 /// Factory option bytes: dual-bank, brown-out level 0, no protection.
 pub const OPTIONS_DELIVERED: u32 = 0xffef_f8aa;
@@ -187,11 +165,12 @@ pub struct Flash {
     control: u32,
     ecc: u32,
     /// The flash size that the chip reports.
-    size_kb: u16,
-    /// Operations never end.
-    hangs: bool,
-    /// Delay from a double-bit error to its NMI; 0 for none.
-    nmi_delay: Cycles,
+    pub size_kb: u16,
+    /// Operations started from now on never end.
+    pub hangs: bool,
+    /// Delay from a double-bit error to its NMI; 0 for none. A delayed NMI comes even if software has cleared the flag.
+    /// We found no document on how soon the NMI comes.
+    pub nmi_delay: Cycles,
     nmi_due: Option<Cycles>,
     /// The NMI request of a delayed error is active.
     nmi_late: bool,
@@ -206,15 +185,18 @@ pub struct Flash {
     stale: bool,
     /// Indices of the double words with an ECC error that the data cache holds.
     cached: BTreeSet<usize>,
-    errata: Errata,
-    rules: Rules,
+    /// Errata in force.
+    pub errata: Errata,
+    /// How strictly the model treats violations.
+    pub rules: Rules,
     cut: Option<Cut>,
     cut_at: Option<Cycles>,
     hclk_hz: f64,
     noise: u64,
     /// Cycles that the core must still wait.
     stall: Cycles,
-    launch: bool,
+    /// Software requested an option byte load, which resets the chip.
+    pub launch: bool,
     /// Double words programmed since the model was created.
     pub programmed: u64,
     /// Pages erased since the model was created.
@@ -231,7 +213,7 @@ impl Default for Flash {
             memory: Ram::new(LEN, 0xff),
             torn: BTreeSet::new(),
             options: OPTIONS_DELIVERED,
-            storage: Storage::new(&[(ACR, 0x4_0600, 0x7f0f), (OPTR, OPTIONS_DELIVERED, !OPTR_RESERVED)]),
+            storage: Storage::shared(&[(ACR, 0x4_0600, 0x7f0f), (OPTR, OPTIONS_DELIVERED, !OPTR_RESERVED)]),
             status: 0,
             control: LOCK | OPTLOCK,
             ecc: 0,
@@ -306,11 +288,6 @@ impl Flash {
         self.cut = Some(Cut { left: operations, torn });
     }
 
-    /// Makes operations started from now on hang.
-    pub fn hang(&mut self) {
-        self.hangs = true;
-    }
-
     /// Cancels the power failure.
     pub fn keep_power(&mut self) {
         self.cut = None;
@@ -322,24 +299,14 @@ impl Flash {
         self.cut_at.is_some_and(|at| at <= now)
     }
 
-    /// Sets the errata that apply from now on.
-    pub fn set_errata(&mut self, errata: Errata) {
-        self.errata = errata;
-    }
-
-    /// Sets how strictly the model treats violations from now on.
-    pub fn set_rules(&mut self, rules: Rules) {
-        self.rules = rules;
-    }
-
     /// The wait states that are set (FLASH_ACR.LATENCY).
     pub fn wait_states(&self) -> u32 {
-        self.storage.get(ACR) & 0xf
+        self.storage[ACR] & 0xf
     }
 
     /// How the core reads the flash: 64 bits at a time in dual-bank mode, 128 in single-bank mode (RM0440, 3.3.3).
     pub fn access(&self) -> Access {
-        let (acr, two_banks) = (self.storage.get(ACR), self.options() & DBANK != 0);
+        let (acr, two_banks) = (self.storage[ACR], self.options() & DBANK != 0);
         Access {
             wait_states: u64::from(self.wait_states()),
             width: if two_banks { 8 } else { 16 },
@@ -350,7 +317,7 @@ impl Flash {
 
     /// The option bytes in use, as last loaded.
     pub fn options(&self) -> u32 {
-        self.storage.get(OPTR)
+        self.storage[OPTR]
     }
 
     /// Writes the option bytes as a debug probe does. They take effect at the next restart.
@@ -373,7 +340,7 @@ impl Flash {
 
     /// Brown-out level in use: 0 is 1.7 V, 4 is 2.8 V.
     pub fn brown_out_level(&self) -> u32 {
-        self.storage.get(OPTR) >> 8 & 7
+        self.storage[OPTR] >> 8 & 7
     }
 
     /// Whether the `len` bytes from `address` on are within flash.
@@ -424,11 +391,6 @@ impl Flash {
         let size = (rom::FLASH_KB_AT - rom::START) as usize;
         system[size..size + 2].copy_from_slice(&self.size_kb.to_le_bytes());
         within(OPTION_BYTES, &option_bytes).or_else(|| within(rom::START, &system))
-    }
-
-    /// Sets the flash size that the chip reports \[KB\].
-    pub fn set_size_kb(&mut self, kb: u16) {
-        self.size_kb = kb;
     }
 
     /// Power fails: an operation in progress is torn.
@@ -497,15 +459,15 @@ impl Flash {
                 self.memory.bytes_mut()[start..end].fill(0xff);
                 self.torn.retain(|word| !(start / 8..end / 8).contains(word));
             }
-            Action::Options => self.options = self.storage.get(OPTR),
+            Action::Options => self.options = self.storage[OPTR],
         }
     }
 
     /// Refuses an operation while the data cache is on, if the erratum on writing one bank while reading the other
     /// applies.
-    fn check_cache(&self) -> Result<(), Unknown> {
+    fn check_cache(&self) -> Modelled {
         refuse_if(
-            self.errata.data_cache && self.storage.get(ACR) & DCEN != 0,
+            self.errata.data_cache && self.storage[ACR] & DCEN != 0,
             "flash operation while the data cache is on, which may corrupt the cache (ES0430 2.2.2)",
         )
     }
@@ -519,7 +481,7 @@ impl Flash {
         // An operation that hangs takes about a year.
         let length = (if self.hangs { 3e7 } else { length_s } * self.hclk_hz) as Cycles;
         self.operation = Some(Operation { action, end: now + length });
-        self.stale |= self.storage.get(ACR) & DCEN != 0;
+        self.stale |= self.storage[ACR] & DCEN != 0;
         match &mut self.cut {
             Some(Cut { left: 0, .. }) => self.cut_at = Some(now + length / 2),
             Some(cut) => cut.left -= 1,
@@ -553,11 +515,6 @@ impl Flash {
         std::mem::take(&mut self.stall)
     }
 
-    /// Whether software requested an option byte load, which resets the chip.
-    pub fn launches(&self) -> bool {
-        self.launch
-    }
-
     /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
         self.status & EOP != 0 && self.control & EOPIE != 0 || self.status & OPERR != 0 && self.control & ERRIE != 0
@@ -568,14 +525,8 @@ impl Flash {
         if self.nmi_delay == 0 { self.ecc & ECCD != 0 } else { self.nmi_late }
     }
 
-    /// Delays the NMI of a double-bit error by this many cycles. It then comes even if software has cleared the flag.
-    /// We found no document on how soon the NMI comes.
-    pub fn delay_nmi(&mut self, cycles: Cycles) {
-        self.nmi_delay = cycles;
-    }
-
     /// The core reads bank 2.
-    pub fn read_memory(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    pub fn read_memory(&mut self, address: u32, width: Width, now: Cycles) -> Modelled<u32> {
         let at = address.wrapping_sub(START) as usize;
         let now = match self.operation {
             Some(operation) if operation.bank() == Some(at / BANK) => self.wait(now),
@@ -589,7 +540,7 @@ impl Flash {
             self.stale && self.rules == Rules::Enforced,
             "read through a data cache that was not reset after flash changed",
         )?;
-        let hit = self.storage.get(ACR) & DCEN != 0 && self.torn.contains(&(at / 8)) && !self.cached.insert(at / 8);
+        let hit = self.storage[ACR] & DCEN != 0 && self.torn.contains(&(at / 8)) && !self.cached.insert(at / 8);
         if self.torn.contains(&(at / 8)) && !hit && self.ecc & ECCD == 0 {
             let bank = if at >= BANK { BK_ECC } else { 0 };
             let place = bank | ((at % BANK) & !7) as u32;
@@ -601,7 +552,7 @@ impl Flash {
     }
 
     /// The core writes to flash.
-    pub fn write_memory(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    pub fn write_memory(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let at = address.wrapping_sub(START) as usize;
         refuse_if(at < BANK, "write to bank 1, from which the code runs")?;
         refuse_if(at >= LEN, "past the end of flash")?;
@@ -631,7 +582,7 @@ impl Flash {
         Ok(())
     }
 
-    fn unlock(&mut self, key: u32) -> Result<(), Unknown> {
+    fn unlock(&mut self, key: u32) -> Modelled {
         if self.shut || self.control & LOCK == 0 || key != KEYS[self.keys] {
             self.shut = true;
             return refuse("wrong FLASH_KEYR key: bus fault, locked until reset");
@@ -643,7 +594,7 @@ impl Flash {
         Ok(())
     }
 
-    fn unlock_options(&mut self, key: u32) -> Result<(), Unknown> {
+    fn unlock_options(&mut self, key: u32) -> Modelled {
         refuse_if(
             self.control & (LOCK | OPTLOCK) != OPTLOCK || key != OPTION_KEYS[self.option_keys],
             "wrong FLASH_OPTKEYR key, or FLASH_CR is locked",
@@ -655,7 +606,7 @@ impl Flash {
         Ok(())
     }
 
-    fn write_control(&mut self, word: u32, now: Cycles) -> Result<(), Unknown> {
+    fn write_control(&mut self, word: u32, now: Cycles) -> Modelled {
         let now = self.wait(now);
         if self.control & LOCK != 0 {
             // Setting LOCK again is allowed.
@@ -699,9 +650,8 @@ impl Flash {
 }
 
 impl Registers for Flash {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
-        self.advance(now);
-        let word = match offset & !3 {
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        Ok(match register {
             KEYR | OPTKEYR => 0,
             SR => self.status | if self.operation.is_some() { BSY } else { 0 },
             CR => {
@@ -713,14 +663,11 @@ impl Registers for Flash {
                 self.control | started
             }
             ECCR => self.ecc,
-            // A program reads both to change single bits, so a read before any write is not listed.
-            ACR | OPTR => self.storage.get(offset & !3),
-            _ => return Err(Unknown::REGISTER),
-        };
-        Ok(width.part(word, offset))
+            _ => self.storage.load(register)?,
+        })
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         self.advance(now);
         let word = width.replace(0, offset, value);
         match offset & !3 {
@@ -735,9 +682,8 @@ impl Registers for Flash {
                 self.ecc = self.ecc & !ECCIE | word & ECCIE;
             }
             ACR => {
-                let before = self.storage.get(ACR);
-                self.storage.write(offset, value, width)?;
-                let after = self.storage.get(ACR);
+                let before = self.storage.store(offset, value, width)?;
+                let after = self.storage[ACR];
                 if after & DCRST != 0 {
                     match (before & after & DCEN != 0, self.rules) {
                         (true, Rules::Enforced) => return refuse("data cache reset (DCRST) while the cache is on"),
@@ -751,8 +697,7 @@ impl Registers for Flash {
                 }
             }
             OPTR if self.control & OPTLOCK != 0 => return refuse("the option bytes are locked"),
-            OPTR => self.storage.write(offset, value, width)?,
-            _ => return Err(Unknown::REGISTER),
+            _ => return self.storage.write(offset, value, width, now),
         }
         Ok(())
     }
@@ -789,7 +734,7 @@ impl Registers for Flash {
         // A reset aborts an operation in progress, which leaves the cells as a power failure does.
         self.lose_power();
         self.storage.reset();
-        self.storage.set(OPTR, self.options);
+        self.storage[OPTR] = self.options;
         self.status = 0;
         self.control = LOCK | OPTLOCK;
         self.ecc = 0;
@@ -938,7 +883,7 @@ mod tests {
             (Errata::NONE, BK_ECC | 0x3_c008),
         ] {
             let mut flash = unlocked();
-            flash.set_errata(errata);
+            flash.errata = errata;
             flash.cut_power_after(0, Torn::Between);
             program(&mut flash, SETTINGS + 8, [1, 2], 0);
             flash.lose_power();
@@ -951,7 +896,7 @@ mod tests {
     fn a_write_with_the_data_cache_on_is_an_erratum() {
         for (errata, is_refused) in [(Errata { data_cache: true, ..Errata::NONE }, true), (Errata::NONE, false)] {
             let mut flash = unlocked();
-            flash.set_errata(errata);
+            flash.errata = errata;
             let write_word = |flash: &mut Flash| {
                 write(flash, CR, PG, 0);
                 let low = flash.write_memory(SETTINGS, 1, Word, 0);
@@ -960,12 +905,12 @@ mod tests {
             write(&mut flash, ACR, 0x600, 0);
             assert_eq!(write_word(&mut flash).is_err(), is_refused);
             let mut flash = unlocked();
-            flash.set_errata(errata);
+            flash.errata = errata;
             write(&mut flash, ACR, 0x200, 0);
             assert_eq!(write_word(&mut flash), Ok(()));
             let erase = PER | BKER | 120 << 3 | STRT;
             let mut flash = unlocked();
-            flash.set_errata(errata);
+            flash.errata = errata;
             write(&mut flash, ACR, 0x600, 0);
             assert_eq!(refuses(&mut flash, CR, erase, 0), is_refused);
         }
@@ -1012,7 +957,7 @@ mod tests {
         let end = 2 * ERASE;
         assert_eq!(read(&mut flash, SR, end), 0);
         write(&mut flash, CR, OBL_LAUNCH, end);
-        assert!(flash.launches());
+        assert!(flash.launch);
         flash.reset(end);
         assert_eq!(flash.brown_out_level(), 4);
         assert_eq!(flash.contents().options, OPTIONS_DELIVERED | 4 << 8);

@@ -3,19 +3,21 @@
 //! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are
 //! storage; locking is refused. A pin that is neither driven nor pulled reads low.
 
-use crate::registers::{peek, refuse};
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::registers::refuse;
+use crate::{Cycles, Modelled, Registers, Storage, Width};
 
-const MODER: u32 = 0x00;
-const OTYPER: u32 = 0x04;
-const OSPEEDR: u32 = 0x08;
-const PUPDR: u32 = 0x0c;
-const IDR: u32 = 0x10;
-const ODR: u32 = 0x14;
-const BSRR: u32 = 0x18;
-const AFRL: u32 = 0x20;
-const AFRH: u32 = 0x24;
-const BRR: u32 = 0x28;
+registers! { u32:
+    MODER 0x00,
+    OTYPER 0x04,
+    OSPEEDR 0x08,
+    PUPDR 0x0c,
+    IDR 0x10,
+    ODR 0x14,
+    BSRR 0x18,
+    AFRL 0x20,
+    AFRH 0x24,
+    BRR 0x28,
+}
 
 /// The mode of a pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +55,8 @@ impl Gpio {
     /// The port with this number; port A is 0.
     pub fn new(port: usize) -> Self {
         let (mode, speed, pull) = Self::reset_values(port);
-        let storage = Storage::new(&[
+        // Programs read all of these to change the setting of one pin.
+        let storage = Storage::shared(&[
             (MODER, mode, u32::MAX),
             (OTYPER, 0, 0xffff),
             (OSPEEDR, speed, u32::MAX),
@@ -67,12 +70,12 @@ impl Gpio {
 
     /// The mode of a pin.
     pub fn mode(&self, pin: usize) -> Mode {
-        match self.storage.get(MODER) >> (2 * pin) & 3 {
+        match self.storage[MODER] >> (2 * pin) & 3 {
             0 => Mode::Input,
             1 => Mode::Output,
             2 => {
                 let register = if pin < 8 { AFRL } else { AFRH };
-                Mode::Alternate((self.storage.get(register) >> (4 * (pin % 8)) & 0xf) as u8)
+                Mode::Alternate((self.storage[register] >> (4 * (pin % 8)) & 0xf) as u8)
             }
             _ => Mode::Analog,
         }
@@ -87,10 +90,10 @@ impl Gpio {
 
     /// Levels at the pins, as a bit mask.
     pub fn pins(&self) -> u16 {
-        let mode = self.storage.get(MODER);
-        let pull = self.storage.get(PUPDR);
-        let output = self.storage.get(ODR);
-        let open_drain = self.storage.get(OTYPER);
+        let mode = self.storage[MODER];
+        let pull = self.storage[PUPDR];
+        let output = self.storage[ODR];
+        let open_drain = self.storage[OTYPER];
         (0..16).fold(0, |levels, pin| {
             let bit = |word: u32| word >> pin & 1 != 0;
             let pulled = pull >> (2 * pin) & 3 == 1;
@@ -112,43 +115,35 @@ impl Gpio {
 
     /// Value of IDR: analogue pins read zero.
     fn input(&self) -> u32 {
-        let mode = self.storage.get(MODER);
+        let mode = self.storage[MODER];
         let digital = (0..16).filter(|pin| mode >> (2 * pin) & 3 != 3).fold(0, |mask, pin| mask | 1 << pin);
         u32::from(self.pins()) & digital
     }
 }
 
 impl Registers for Gpio {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
-        match offset & !3 {
-            IDR => Ok(width.part(self.input(), offset)),
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        match register {
+            IDR => Ok(self.input()),
             BSRR | BRR => Ok(0),
-            // Code may read this register before any write, to change single pins.
-            ODR => peek(&self.storage, offset, width),
-            _ => self.storage.read(offset, width),
+            _ => self.storage.load(register),
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let word = width.replace(0, offset, value);
-        let output = self.storage.get(ODR);
         match offset & !3 {
-            IDR => refuse("the input register is read-only"),
+            IDR => return refuse("the input register is read-only"),
             // Set has priority over reset.
-            BSRR => self.storage.write(ODR, output & !(word >> 16) | word & 0xffff, Width::Word),
-            BRR => self.storage.write(ODR, output & !word, Width::Word),
-            _ => self.storage.write(offset, value, width),
+            BSRR => self.storage[ODR] = self.storage[ODR] & !(word >> 16) | word & 0xffff,
+            BRR => self.storage[ODR] &= !word,
+            _ => return self.storage.write(offset, value, width, now),
         }
+        Ok(())
     }
 
     fn reset(&mut self, _: Cycles) {
         self.storage.reset();
-    }
-
-    fn unwritten_reads(&self) -> Vec<u32> {
-        // Programs read these registers to change the setting of one pin.
-        let shared = [MODER, OTYPER, OSPEEDR, PUPDR, AFRL, AFRH];
-        self.storage.unwritten_reads().into_iter().filter(|offset| !shared.contains(offset)).collect()
     }
 }
 

@@ -5,13 +5,15 @@
 
 use super::rcc::LSI_HZ;
 use crate::registers::refuse;
-use crate::{Cycles, Registers, Unknown, Width, chip::clocks::Clocks};
+use crate::{Cycles, Modelled, Registers, Unknown, Width, chip::clocks::Clocks};
 
-const KR: u32 = 0x00;
-const PR: u32 = 0x04;
-const RLR: u32 = 0x08;
-const SR: u32 = 0x0c;
-const WINR: u32 = 0x10;
+registers! { u32:
+    KR 0x00,
+    PR 0x04,
+    RLR 0x08,
+    SR 0x0c,
+    WINR 0x10,
+}
 
 const ACCESS: u32 = 0x5555;
 const RELOAD: u32 = 0xaaaa;
@@ -96,9 +98,8 @@ impl Iwdg {
 }
 
 impl Registers for Iwdg {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
-        self.advance(now);
-        let word = match offset & !3 {
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        Ok(match register {
             KR => 0,
             PR => self.prescaler,
             RLR => self.reload,
@@ -108,11 +109,10 @@ impl Registers for Iwdg {
             }
             WINR => self.window,
             _ => return Err(Unknown::REGISTER),
-        };
-        Ok(width.part(word, offset))
+        })
     }
 
-    fn write(&mut self, offset: u32, value: u32, _: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, _: Width, now: Cycles) -> Modelled {
         self.advance(now);
         match offset {
             KR => {

@@ -5,47 +5,28 @@
 //! and interrupts, idle line, overrun, DMA requests. Refused: flow control, addressing, wake-up, half-duplex.
 
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
+use crate::{Cycles, Modelled, Registers, Storage, Width, chip::clocks::Clocks};
 use std::collections::VecDeque;
 
-const CR1: u32 = 0x00;
-const CR2: u32 = 0x04;
-const CR3: u32 = 0x08;
-const BRR: u32 = 0x0c;
-const RQR: u32 = 0x18;
-const ISR: u32 = 0x1c;
-const ICR: u32 = 0x20;
-const RDR: u32 = 0x24;
-const TDR: u32 = 0x28;
-const PRESC: u32 = 0x2c;
-
-/// CR1: UART enable, receiver enable, transmitter enable, FIFO enable.
-const UE: u32 = 1 << 0;
-const RE: u32 = 1 << 2;
-const TE: u32 = 1 << 3;
-const FIFOEN: u32 = 1 << 29;
+registers! { u32:
+    // UART enable, receiver enable, transmitter enable, FIFO enable.
+    CR1 0x00 { UE 0, RE 2, TE 3, FIFOEN 29 },
+    CR2 0x04,
+    // Error interrupt enable, DMA enable of receiver and transmitter, overrun disable.
+    CR3 0x08 { EIE 0, DMAR 6, DMAT 7, OVRDIS 12 },
+    BRR 0x0c,
+    RQR 0x18,
+    ISR 0x1c {
+        FE 1, ORE 3, IDLE 4, RXNE 5, TC 6, TXE 7, BUSY 16, TEACK 21, REACK 22, TXFE 23, RXFF 24, RXFT 26, TXFT 27
+    },
+    ICR 0x20,
+    RDR 0x24,
+    TDR 0x28,
+    PRESC 0x2c,
+}
 /// CR1: word length other than 8, parity, mute mode.
 const CR1_UNKNOWN: u32 = 1 << 28 | 1 << 12 | 1 << 10 | 1 << 13;
-/// CR3: error interrupt enable, DMA enable of receiver and transmitter, overrun disable.
-const EIE: u32 = 1 << 0;
-const DMAR: u32 = 1 << 6;
-const DMAT: u32 = 1 << 7;
-const OVRDIS: u32 = 1 << 12;
 const CR3_KNOWN: u32 = EIE | DMAR | DMAT | OVRDIS | 7 << 25 | 7 << 29 | 1 << 28 | 1 << 23 | 1 << 13;
-
-const FE: u32 = 1 << 1;
-const ORE: u32 = 1 << 3;
-const IDLE: u32 = 1 << 4;
-const RXNE: u32 = 1 << 5;
-const TC: u32 = 1 << 6;
-const TXE: u32 = 1 << 7;
-const BUSY: u32 = 1 << 16;
-const TEACK: u32 = 1 << 21;
-const REACK: u32 = 1 << 22;
-const TXFE: u32 = 1 << 23;
-const RXFF: u32 = 1 << 24;
-const RXFT: u32 = 1 << 26;
-const TXFT: u32 = 1 << 27;
 
 /// Start bit, eight data bits, stop bit.
 const BITS: f64 = 10.0;
@@ -60,7 +41,7 @@ pub struct Lpuart {
     clock_hz: f64,
     hclk_hz: f64,
     /// Baud rate of the remote end \[bit/s\].
-    far_baud: f64,
+    pub far_baud: f64,
     /// Byte in the shift register, and the end of its last bit.
     shifting: Option<(u8, Cycles)>,
     transmit: VecDeque<u8>,
@@ -76,15 +57,10 @@ pub struct Lpuart {
 
 impl Default for Lpuart {
     fn default() -> Self {
-        let storage = Storage::new(&[
-            (CR1, 0, u32::MAX),
-            (CR2, 0, 0xffff_ff70),
-            (CR3, 0, u32::MAX),
-            (BRR, 0, 0xf_ffff),
-            (PRESC, 0, 0xf),
-        ]);
+        // Receiver and transmitter share these registers.
+        let shared = Storage::shared(&[(CR1, 0, u32::MAX), (CR2, 0, 0xffff_ff70), (CR3, 0, u32::MAX)]);
         Self {
-            storage,
+            storage: shared.and(Storage::new(&[(BRR, 0, 0xf_ffff), (PRESC, 0, 0xf)])),
             flags: TC,
             clock_hz: 16e6,
             hclk_hz: 16e6,
@@ -102,11 +78,6 @@ impl Default for Lpuart {
 }
 
 impl Lpuart {
-    /// Sets the baud rate of the remote end \[bit/s\].
-    pub fn set_far_baud(&mut self, baud: f64) {
-        self.far_baud = baud;
-    }
-
     /// Sends bytes from the remote end.
     pub fn send(&mut self, bytes: &[u8], now: Cycles) {
         if self.arriving.is_empty() {
@@ -123,8 +94,8 @@ impl Lpuart {
     /// Baud rate set in the registers \[bit/s\]; none if the setting is invalid.
     pub fn baud(&self) -> Option<f64> {
         let prescaler = [1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 32.0, 64.0, 128.0, 256.0];
-        let divider = f64::from(self.storage.get(BRR));
-        let prescaler = prescaler.get(self.storage.get(PRESC) as usize)?;
+        let divider = f64::from(self.storage[BRR]);
+        let prescaler = prescaler.get(self.storage[PRESC] as usize)?;
         let baud = 256.0 * self.clock_hz / prescaler / divider;
         (baud.is_finite() && baud > 0.0).then_some(baud)
     }
@@ -142,7 +113,7 @@ impl Lpuart {
     }
 
     fn has(&self, bits: u32) -> bool {
-        self.storage.get(CR1) & bits == bits
+        self.storage[CR1] & bits == bits
     }
 
     fn depth(&self) -> usize {
@@ -151,7 +122,7 @@ impl Lpuart {
 
     /// Number of bytes at which RXFT or TXFT is set (CR3 threshold fields).
     fn threshold(&self, shift: u32) -> usize {
-        match self.storage.get(CR3) >> shift & 7 {
+        match self.storage[CR3] >> shift & 7 {
             0 => 1,
             1 => 2,
             2 => 4,
@@ -179,7 +150,7 @@ impl Lpuart {
 
     /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
-        let (cr1, cr3, status) = (self.storage.get(CR1), self.storage.get(CR3), self.status());
+        let (cr1, cr3, status) = (self.storage[CR1], self.storage[CR3], self.status());
         // IDLEIE, RXNEIE, TCIE and TXEIE have the positions of their flags; RXNEIE also enables overrun.
         cr1 & status & (IDLE | RXNE | TC | TXE) != 0
             || cr1 & RXNE != 0 && status & ORE != 0
@@ -192,12 +163,12 @@ impl Lpuart {
 
     /// Whether the receiver requests DMA.
     pub fn dma_receive(&self) -> bool {
-        self.storage.get(CR3) & DMAR != 0 && !self.receive.is_empty()
+        self.storage[CR3] & DMAR != 0 && !self.receive.is_empty()
     }
 
     /// Whether the transmitter requests DMA.
     pub fn dma_transmit(&self) -> bool {
-        self.storage.get(CR3) & DMAT != 0 && self.has(UE | TE) && self.transmit.len() < self.depth()
+        self.storage[CR3] & DMAT != 0 && self.has(UE | TE) && self.transmit.len() < self.depth()
     }
 
     fn start(&mut self, now: Cycles) {
@@ -209,7 +180,7 @@ impl Lpuart {
     fn received(&mut self, byte: u8) {
         if self.receive.len() < self.depth() {
             self.receive.push_back(if self.rates_agree() { byte } else { !byte });
-        } else if self.storage.get(CR3) & OVRDIS == 0 {
+        } else if self.storage[CR3] & OVRDIS == 0 {
             self.flags |= ORE;
         }
         if !self.rates_agree() {
@@ -219,21 +190,17 @@ impl Lpuart {
 }
 
 impl Registers for Lpuart {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
-        self.advance(now);
-        let word = match offset & !3 {
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        Ok(match register {
             ISR => self.status(),
             RDR => u32::from(self.receive.pop_front().unwrap_or(0)),
             ICR | RQR => 0,
             TDR => u32::from(self.written),
-            // Receiver and transmitter share these registers.
-            CR1 | CR2 | CR3 => self.storage.get(offset & !3),
-            register => self.storage.read(register, Width::Word)?,
-        };
-        Ok(width.part(word, offset))
+            _ => self.storage.load(register)?,
+        })
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         self.advance(now);
         let word = width.replace(0, offset, value);
         match offset & !3 {
@@ -257,7 +224,7 @@ impl Registers for Lpuart {
             CR1 if word & CR1_UNKNOWN != 0 => return refuse("frame formats other than 8N1 are not modelled"),
             CR3 if word & !CR3_KNOWN != 0 => return refuse("flow control and half-duplex are not modelled"),
             CR1 => {
-                self.storage.write(offset, value, width)?;
+                self.storage.store(offset, value, width)?;
                 if !self.has(UE) {
                     self.flags = TC;
                     self.receive.clear();
@@ -266,7 +233,7 @@ impl Registers for Lpuart {
                 }
                 self.start(now);
             }
-            _ => self.storage.write(offset, value, width)?,
+            _ => return self.storage.write(offset, value, width, now),
         }
         Ok(())
     }
@@ -329,7 +296,7 @@ mod tests {
     /// 1 Mbit/s at 16 MHz: a byte takes 160 cycles.
     fn running(cr1: u32) -> Lpuart {
         let mut uart = Lpuart::default();
-        uart.set_far_baud(1e6);
+        uart.far_baud = 1e6;
         write(&mut uart, BRR, 4096, 0);
         write(&mut uart, CR1, UE | RE | TE | cr1, 0);
         uart
@@ -380,7 +347,7 @@ mod tests {
     #[test]
     fn ends_that_disagree_about_the_rate() {
         let mut uart = running(0);
-        uart.set_far_baud(115_200.0);
+        uart.far_baud = 115_200.0;
         uart.send(b"x", 0);
         uart.advance(10_000);
         assert_eq!(read(&mut uart, ISR, 10_000) & FE, FE);

@@ -13,7 +13,7 @@
 use super::adc::{self, Signal, TRIGGER_TIM6, Unit};
 use super::ads131m04::{CLKIN, CS, DRDY, Inputs, RESET};
 use super::dac::TRIGGER_TIM7;
-use super::dma::{CHANNELS, Direction, Dma, Transfer};
+use super::dma::{CHANNELS, Channel, Direction, Transfer};
 use super::dmamux::Request;
 use super::gpio::Mode;
 use super::jumpers::{FLOATING_V, Output};
@@ -21,7 +21,7 @@ use super::pin::Pin;
 use super::spi::Frame;
 use super::{BadAccess, Chip};
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
 /// SCK, MISO and MOSI of SPI2, and their alternate function (DS12288 table 13).
 const WIRES: [Pin; 3] = [Pin::new('B', 13), Pin::new('B', 14), Pin::new('B', 15)];
@@ -62,29 +62,28 @@ impl Chip {
                 return;
             }
             if let Err(unknown) = self.step(at) {
-                self.fault("signal path", unknown);
+                self.fault("signal path", 0, unknown);
             }
         }
         self.adc.advance(now);
     }
 
-    /// Earliest time at which the signal path may raise an interrupt request; it may turn out too early.
+    /// Earliest time at which the signal path may raise an interrupt request, beside the events of its models; it may
+    /// turn out too early.
     pub(crate) fn pipeline_next_event(&self) -> Option<Cycles> {
         if self.path_fault.is_some() {
             return None;
         }
-        let own = [self.tim6.next_event(), self.tim7.next_event(), self.adc.next_event(), self.spi2.next_event()];
-        let edges = self.ads131m04.as_ref().and_then(|ads| ads.due());
-        let stalls = [self.dma1.next_event(), self.dma2.next_event(), edges];
+        let edges = self.ads131m04.as_ref().and_then(|ads| ads.due);
         let converters = Unit::ALL.into_iter().filter(|unit| self.adc.interrupts_each(*unit));
         let triggers = converters.filter_map(|_| self.tim6.next_update());
         let channels = (0..2 * CHANNELS).filter_map(|channel| self.next_interrupt(channel));
-        own.into_iter().chain(stalls).flatten().chain(triggers).chain(channels).min()
+        edges.into_iter().chain(triggers).chain(channels).min()
     }
 
     /// Earliest time at which the channel may raise its interrupt request.
     fn next_interrupt(&self, channel: usize) -> Option<Cycles> {
-        let transfers = self.dma(channel).transfers_until_interrupt(channel % CHANNELS)?;
+        let transfers = self.channel(channel).transfers_until_interrupt()?;
         Some(self.pace(Request::of(self.dmamux.request(channel))?)?.nth(transfers))
     }
 
@@ -106,11 +105,7 @@ impl Chip {
             Request::Tim7Update | Request::Dac1 | Request::Dac2 => {
                 self.tim7.next_update().map(|first| Pace::every(self.tim7.period(), first))
             }
-            Request::Adc1 => of_unit(Unit::One),
-            Request::Adc2 => of_unit(Unit::Two),
-            Request::Adc3 => of_unit(Unit::Three),
-            Request::Adc4 => of_unit(Unit::Four),
-            Request::Adc5 => of_unit(Unit::Five),
+            Request::Adc(unit) => of_unit(unit),
             Request::Spi2Receive | Request::Spi2Transmit => {
                 Some(Pace::every(self.spi2.frame_cycles(), self.spi2.due()?))
             }
@@ -123,18 +118,17 @@ impl Chip {
             self.tim6.next_update(),
             self.tim7.next_update(),
             self.late.front().map(|(at, _)| *at),
-            self.adc.due().map(|(end, _)| end),
+            self.adc.due.map(|(end, _)| end),
             self.spi2.due(),
-            self.ads131m04.as_ref().and_then(|ads| ads.due()),
-            self.dma1.next_event(),
-            self.dma2.next_event(),
+            self.ads131m04.as_ref().and_then(|ads| ads.due),
+            self.dma[0].next_event(),
+            self.dma[1].next_event(),
         ];
         sources.into_iter().flatten().min()
     }
 
-    fn step(&mut self, at: Cycles) -> Result<(), Unknown> {
-        self.dma1.advance(at);
-        self.dma2.advance(at);
+    fn step(&mut self, at: Cycles) -> Modelled {
+        self.dma.iter_mut().for_each(|dma| dma.advance(at));
         if self.tim6.next_update() == Some(at) {
             let trigger = self.tim6.update().trigger;
             // This transfer reads TIM2, which updates its counter to this time.
@@ -154,13 +148,13 @@ impl Chip {
                 self.dac.iter_mut().for_each(|dac| dac.trigger(TRIGGER_TIM7, at));
             }
         }
-        while let Some((_, unit)) = self.adc.due().filter(|(end, _)| *end <= at) {
+        while let Some((_, unit)) = self.adc.due.filter(|(end, _)| *end <= at) {
             let (signal, aperture) = self.adc.looks_at(unit)?;
             let volts = self.volts(signal, aperture)?;
             self.adc.finish(unit, volts)?;
             self.serve_dma(at);
         }
-        if let Some(frame) = self.spi2.frame().filter(|_| self.spi2.due() == Some(at)) {
+        if let Some(frame) = self.spi2.frame.filter(|_| self.spi2.due() == Some(at)) {
             let answer = self.exchange(frame)?;
             self.spi2.finish(answer);
         }
@@ -170,7 +164,7 @@ impl Chip {
     }
 
     /// Delivers the sampling clock's trigger to the converters, each with its injected delay.
-    fn start_conversions(&mut self, at: Cycles) -> Result<(), Unknown> {
+    fn start_conversions(&mut self, at: Cycles) -> Modelled {
         if self.planted.late == [0; 2] {
             return self.adc.trigger(TRIGGER_TIM6, at);
         }
@@ -186,7 +180,7 @@ impl Chip {
     }
 
     /// Exchanges a frame on SPI2; returns the received data.
-    fn exchange(&mut self, frame: Frame) -> Result<u16, Unknown> {
+    fn exchange(&mut self, frame: Frame) -> Modelled<u16> {
         let (mode, rate_hz) = (self.spi2.mode(), self.spi2.rate_hz(self.clocks.hclk_hz));
         // If the ADS131M04 is connected, the pins must be assigned to SPI2. If not, nothing drives MISO, which reads as
         // ones.
@@ -205,12 +199,12 @@ impl Chip {
     }
 
     /// Ends the digital front end's conversion if it is due: DRDY falls, which latches the encoder count.
-    fn convert(&mut self, at: Cycles) -> Result<(), Unknown> {
+    fn convert(&mut self, at: Cycles) -> Modelled {
         let clocks = self.clocks;
-        let Some(ads) = self.ads131m04.as_mut().filter(|ads| ads.due() == Some(at)) else { return Ok(()) };
+        let Some(ads) = self.ads131m04.as_mut().filter(|ads| ads.due == Some(at)) else { return Ok(()) };
         ads.check_clock(clocks.hclk_hz)?;
         ads.convert(at, |cycles| clocks.seconds(cycles), self.world.as_mut());
-        let ready = !ads.drdy();
+        let ready = !ads.chip.drdy();
         self.latch_encoder(at);
         if ready {
             // If the last conversion was not read, DRDY goes high briefly.
@@ -229,7 +223,7 @@ impl Chip {
             Inputs { cs: self.pin_output(CS), reset: self.pin_output(RESET), clkin_cycles: self.clkin_cycles() };
         if let Some(ads) = &mut self.ads131m04 {
             ads.follow(inputs, now);
-            let drdy = ads.drdy();
+            let drdy = ads.chip.drdy();
             self.set_pin(DRDY, drdy, now);
         }
     }
@@ -240,7 +234,7 @@ impl Chip {
         Some((self.clocks.hclk_hz / pwm.frequency_hz).round() as Cycles).filter(|cycles| *cycles > 0)
     }
 
-    fn volts(&mut self, signal: Signal, at: Cycles) -> Result<f64, Unknown> {
+    fn volts(&mut self, signal: Signal, at: Cycles) -> Modelled<f64> {
         let time_s = self.seconds(at);
         let pin = match signal {
             Signal::Temperature => return Ok(adc::sensor_volts(self.world.temperature_c(time_s))),
@@ -256,7 +250,7 @@ impl Chip {
     }
 
     /// Voltage at the force pin or the terminal pin \[V\].
-    fn input_volts(&mut self, pin: Pin, at: Cycles, time_s: f64) -> Result<f64, Unknown> {
+    fn input_volts(&mut self, pin: Pin, at: Cycles, time_s: f64) -> Modelled<f64> {
         let (is_force, is_terminal) = (pin == self.board.force, pin == self.board.terminal);
         match (self.jumpers, is_force, is_terminal) {
             (Some(jumpers), true, _) => Ok(self.wire_volts(jumpers.force, at)),
@@ -286,7 +280,7 @@ impl Chip {
         if self.tim6.take_trigger()
             && let Err(unknown) = self.adc.trigger(TRIGGER_TIM6, now)
         {
-            self.fault("ADC", unknown);
+            self.fault("ADC", 0, unknown);
         }
         self.follow_pins(now);
         while self.path_fault.is_none() && Request::ALL.into_iter().any(|request| self.serve(request, now)) {}
@@ -294,23 +288,19 @@ impl Chip {
 
     fn is_requested(&self, request: Request) -> bool {
         match request {
-            Request::Tim6Update => self.tim6.dma_request(),
-            Request::Tim7Update => self.tim7.dma_request(),
-            Request::Dac1 => self.dac[0].dma_request(),
-            Request::Dac2 => self.dac[1].dma_request(),
-            Request::Adc1 => self.adc.dma_request(Unit::One),
-            Request::Adc2 => self.adc.dma_request(Unit::Two),
-            Request::Adc3 => self.adc.dma_request(Unit::Three),
-            Request::Adc4 => self.adc.dma_request(Unit::Four),
-            Request::Adc5 => self.adc.dma_request(Unit::Five),
+            Request::Tim6Update => self.tim6.dma_request,
+            Request::Tim7Update => self.tim7.dma_request,
+            Request::Dac1 => self.dac[0].request,
+            Request::Dac2 => self.dac[1].request,
+            Request::Adc(unit) => self.adc.dma_request(unit),
             Request::Spi2Receive => self.spi2.receive_request(),
             Request::Spi2Transmit => self.spi2.transmit_request(),
         }
     }
 
-    /// Executes one transfer if the request is pending and an enabled channel is assigned to it; returns whether it
-    /// did.
-    fn serve(&mut self, request: Request, now: Cycles) -> bool {
+    /// Executes one transfer if the request with this number is pending and an enabled channel is assigned to it;
+    /// returns whether it did.
+    fn serve(&mut self, (request, number): (Request, u8), now: Cycles) -> bool {
         if !self.is_requested(request) {
             return false;
         }
@@ -319,17 +309,17 @@ impl Chip {
             return true;
         }
         for channel in 0..2 * CHANNELS {
-            if self.dmamux.request(channel) != request as u8 {
+            if self.dmamux.request(channel) != number {
                 continue;
             }
-            match self.dma(channel).transfer(channel % CHANNELS) {
+            match self.channel(channel).transfer() {
                 Ok(None) => {}
                 Ok(Some(transfer)) => {
                     self.transfer(channel, &transfer, now);
                     self.acknowledge(request, channel);
                     return true;
                 }
-                Err(unknown) => self.fault("DMA", unknown),
+                Err(unknown) => self.fault("DMA", 0, unknown),
             }
         }
         false
@@ -338,10 +328,10 @@ impl Chip {
     /// Clears a served request. Reading the result clears an ADC's request.
     fn forget(&mut self, request: Request) {
         match request {
-            Request::Tim6Update => self.tim6.dma_acknowledge(),
-            Request::Tim7Update => self.tim7.dma_acknowledge(),
-            Request::Dac1 => self.dac[0].dma_acknowledge(),
-            Request::Dac2 => self.dac[1].dma_acknowledge(),
+            Request::Tim6Update => self.tim6.dma_request = false,
+            Request::Tim7Update => self.tim7.dma_request = false,
+            Request::Dac1 => self.dac[0].request = false,
+            Request::Dac2 => self.dac[1].request = false,
             _ => {}
         }
     }
@@ -349,38 +339,35 @@ impl Chip {
     fn acknowledge(&mut self, request: Request, channel: usize) {
         self.forget(request);
         self.transfers += 1;
-        let lap_ended = self.dma_mut(channel).complete(channel % CHANNELS);
-        let unit = Unit::ALL.into_iter().find(|unit| unit.request() == request);
-        if let Some(unit) = unit.filter(|_| lap_ended) {
+        let lap_ended = self.channel_mut(channel).complete();
+        if let Request::Adc(unit) = request
+            && lap_ended
+        {
             self.adc.dma_end(unit);
         }
     }
 
     fn transfer(&mut self, channel: usize, transfer: &Transfer, now: Cycles) {
-        if self.dma(channel).is_broken(channel % CHANNELS) {
-            self.dma_mut(channel).fail(channel % CHANNELS);
-            return;
+        if self.channel(channel).broken {
+            return self.channel_mut(channel).fail();
         }
         let Transfer { peripheral, peripheral_width, memory, memory_width, direction } = *transfer;
         let size = memory_width.bytes() as usize;
         let outcome = match direction {
-            Direction::ToMemory => self.bus_read(peripheral, peripheral_width, now).map(|value| {
+            Direction::ToMemory => self.bus(peripheral, peripheral_width, None, now).map(|value| {
                 let bytes = (value & peripheral_width.mask()).to_le_bytes();
                 match self.ram_mut(memory, size) {
                     Some(place) => place.copy_from_slice(&bytes[..size]),
-                    None => self.dma_mut(channel).fail(channel % CHANNELS),
+                    None => self.channel_mut(channel).fail(),
                 }
             }),
             Direction::ToPeripheral => {
                 let mut bytes = [0; 4];
                 match self.bytes(memory, size) {
                     Some(place) => bytes[..size].copy_from_slice(place),
-                    None => {
-                        self.dma_mut(channel).fail(channel % CHANNELS);
-                        return;
-                    }
+                    None => return self.channel_mut(channel).fail(),
                 }
-                self.bus_write(peripheral, u32::from_le_bytes(bytes), peripheral_width, now)
+                self.bus(peripheral, peripheral_width, Some(u32::from_le_bytes(bytes)), now).map(|_| ())
             }
         };
         if let Err(bad) = outcome {
@@ -388,23 +375,18 @@ impl Chip {
         }
     }
 
-    fn dma(&self, channel: usize) -> &Dma {
-        if channel < CHANNELS { &self.dma1 } else { &self.dma2 }
+    fn channel(&self, number: usize) -> &Channel {
+        &self.dma[number / CHANNELS].channels[number % CHANNELS]
     }
 
-    fn dma_mut(&mut self, channel: usize) -> &mut Dma {
-        if channel < CHANNELS { &mut self.dma1 } else { &mut self.dma2 }
+    fn channel_mut(&mut self, number: usize) -> &mut Channel {
+        &mut self.dma[number / CHANNELS].channels[number % CHANNELS]
     }
 
-    fn fault(&mut self, peripheral: &'static str, Unknown { what }: Unknown) {
-        self.path_fault.get_or_insert(BadAccess {
-            address: 0,
-            peripheral,
-            offset: 0,
-            width: Width::Word,
-            value: None,
-            what,
-        });
+    /// Stops the path at a fault with the register at this address, or 0 for none.
+    pub(super) fn fault(&mut self, peripheral: &'static str, address: u32, Unknown { what }: Unknown) {
+        let (offset, width) = (address & 0x3ff, Width::Word);
+        self.path_fault.get_or_insert(BadAccess { address, peripheral, offset, width, value: None, what });
     }
 }
 
@@ -528,7 +510,7 @@ mod tests {
     }
 
     fn left(chip: &mut Chip) -> [u32; 3] {
-        [0, 1, 2].map(|n| chip.dma1.read(0x0C + 0x14 * n, Word, 0).unwrap())
+        [0, 1, 2].map(|n| chip.dma[0].read(0x0C + 0x14 * n, Word, 0).unwrap())
     }
 
     #[test]
@@ -556,7 +538,7 @@ mod tests {
         let mut now = START;
         for half in 1..=6 {
             let mut looks = 0;
-            while !chip.dma1.irq(2) {
+            while !chip.dma[0].channels[2].irq() {
                 now = chip.next_event().unwrap();
                 chip.advance(now);
                 looks += 1;
@@ -578,7 +560,7 @@ mod tests {
                 now = (now + step).min(end);
                 chip.advance(now);
             }
-            (chip.bytes(POSITIONS, 0x3000).unwrap().to_vec(), left(&mut chip), chip.dma1.clone().read(0, Word, 0))
+            (chip.bytes(POSITIONS, 0x3000).unwrap().to_vec(), left(&mut chip), chip.dma[0].clone().read(0, Word, 0))
         };
         assert_eq!(run(1_000_000), run(37));
     }
@@ -597,7 +579,7 @@ mod tests {
     #[test]
     fn a_channel_kept_off_the_bus_loses_positions_and_the_rings_part() {
         let mut chip = running();
-        chip.dma1.stall(0, START + 3 * PERIOD + 10);
+        chip.dma[0].channels[0].stalled = Some(START + 3 * PERIOD + 10);
         chip.advance(START + 8 * PERIOD + RESULT);
         // Three updates fall into the stall. Only one of their requests is pending at its end, and is served late.
         assert_eq!(left(&mut chip), [10, 8, 8]);
@@ -607,7 +589,7 @@ mod tests {
     #[test]
     fn a_converters_channel_kept_off_the_bus_is_an_overrun_and_the_ring_stands() {
         let mut chip = running();
-        chip.dma1.stall(2, START + 3 * PERIOD + 10);
+        chip.dma[0].channels[2].stalled = Some(START + 3 * PERIOD + 10);
         chip.advance(START + 8 * PERIOD + RESULT);
         assert_eq!(left(&mut chip), [8, 8, 16]);
         let flags = |chip: &mut Chip, base: u32| chip.adc.read(base, Word, START).unwrap() & 1 << 4;
@@ -622,14 +604,14 @@ mod tests {
         write(&mut chip, 0x4002_0008 + 0x28, 1 << 8 | 1 << 10 | 1 << 7 | 1 << 5 | 1 << 3 | 1, START);
         write(&mut chip, 0x4000_1000, 1, START);
         chip.advance(START + 2 * PERIOD);
-        assert!(chip.dma1.irq(2) && !chip.dma1.is_enabled(2));
+        assert!(chip.dma[0].channels[2].irq() && !chip.dma[0].channels[2].is_enabled());
         // The other kind of error: the bus refuses a transfer.
         write(&mut chip, 0x4002_0004, 8 << 8, START);
         write(&mut chip, 0x4002_0008 + 0x34, TERMINALS, START);
         write(&mut chip, 0x4002_0008 + 0x28, 1 << 8 | 1 << 10 | 1 << 7 | 1 << 5 | 1 << 3 | 1, START);
-        chip.dma1.break_off(2);
+        chip.dma[0].channels[2].broken = true;
         chip.advance(START + 4 * PERIOD);
-        assert!(chip.dma1.irq(2) && !chip.dma1.is_enabled(2));
+        assert!(chip.dma[0].channels[2].irq() && !chip.dma[0].channels[2].is_enabled());
     }
 
     #[test]
@@ -663,7 +645,7 @@ mod tests {
         let frame = 16 * 8;
         let mut now = 1000;
         let mut stops = 0;
-        while !chip.dma2.irq(0) {
+        while !chip.dma[1].channels[0].irq() {
             now = chip.next_event().unwrap();
             chip.advance(now);
             stops += 1;

@@ -1,16 +1,14 @@
 //! Power control (RM0440 section 6.4): boost mode and write protection of the backup domain; the rest is storage.
 
-use crate::registers::{peek, refuse_if};
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::registers::refuse_if;
+use crate::{Cycles, Modelled, Registers, Storage, Width};
 
-const CR1: u32 = 0x00;
-const SR2: u32 = 0x14;
-const CR5: u32 = 0x80;
-
-/// CR1: write access to the backup domain.
-const DBP: u32 = 1 << 8;
-/// CR5: range 1 normal mode, without boost.
-const R1MODE: u32 = 1 << 8;
+registers! { u32:
+    // Write access to the backup domain.
+    CR1 0x00 { DBP 8 },
+    // Range 1 normal mode, without boost.
+    CR5 0x80 { R1MODE 8 },
+}
 
 /// The PWR registers.
 #[derive(Clone, Debug)]
@@ -19,13 +17,13 @@ pub struct Pwr(Storage);
 impl Default for Pwr {
     fn default() -> Self {
         // CR1 to CR4, SR1, SR2, SCR, CR5. Only range 1 is modelled: VOS does not change.
-        Self(Storage::new(&[
+        Self(Storage::shared(&[
             (CR1, 0x200, 0x4107 | DBP),
             (0x04, 0, 0xf0),
             (0x08, 0x8000, 0xc51f),
             (0x0c, 0, 0x31f),
             (0x10, 0, 0),
-            (SR2, 0, 0),
+            (0x14, 0, 0),
             (0x18, 0, 0),
             (CR5, R1MODE, R1MODE),
         ]))
@@ -35,26 +33,26 @@ impl Default for Pwr {
 impl Pwr {
     /// Whether range 1 boost mode is on, in which the core may exceed 150 MHz.
     pub fn boost(&self) -> bool {
-        self.0.get(CR5) & R1MODE == 0
+        self.0[CR5] & R1MODE == 0
     }
 
     /// Whether the backup domain is writable.
     pub fn backup_is_open(&self) -> bool {
-        self.0.get(CR1) & DBP != 0
+        self.0[CR1] & DBP != 0
     }
 }
 
 impl Registers for Pwr {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
-        peek(&self.0, offset, width)
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        self.0.load(register)
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         refuse_if(
             offset & !3 == CR1 && width == Width::Word && value >> 9 & 3 != 1,
             "PWR_CR1.VOS: only range 1 is modelled",
         )?;
-        self.0.write(offset, value, width)
+        self.0.write(offset, value, width, now)
     }
 
     fn reset(&mut self, _: Cycles) {

@@ -9,27 +9,33 @@
 
 use crate::registers::{refuse, refuse_if};
 use crate::{
-    Cycles, Registers, Storage, Unknown, Width,
+    Cycles, Modelled, Registers, Storage, Width,
     chip::{clocks::Clocks, errata::Errata, rules::Rules},
 };
 
-const CR: u32 = 0x00;
-const ICSCR: u32 = 0x04;
-const CFGR: u32 = 0x08;
-const PLLCFGR: u32 = 0x0c;
-const CIER: u32 = 0x18;
-const CIFR: u32 = 0x1c;
-const CICR: u32 = 0x20;
-pub(super) const AHB1ENR: u32 = 0x48;
-pub(super) const AHB2ENR: u32 = 0x4c;
-pub(super) const APB1ENR1: u32 = 0x58;
-pub(super) const APB1ENR2: u32 = 0x5c;
-pub(super) const APB2ENR: u32 = 0x60;
-const CCIPR: u32 = 0x88;
-const BDCR: u32 = 0x90;
-const CSR: u32 = 0x94;
-const CRRCR: u32 = 0x98;
-const CCIPR2: u32 = 0x9c;
+registers! { u32:
+    // Each ready flag is the bit above its enable bit, except HSI's. The CSS monitors the crystal.
+    CR 0x00 { HSION 8, HSIRDY 10, HSEON 16, HSERDY 17, HSEBYP 18, CSSON 19, PLLON 24, PLLRDY 25 },
+    ICSCR 0x04,
+    // The AHB prescaler divides.
+    CFGR 0x08 { AHB_DIVIDES 7 },
+    PLLCFGR 0x0c,
+    CIER 0x18,
+    // The CSS detected a crystal failure; the same bit in CICR.
+    CIFR 0x1c { CSSF 8 },
+    CICR 0x20,
+    pub(super) AHB1ENR 0x48,
+    pub(super) AHB2ENR 0x4c,
+    pub(super) APB1ENR1 0x58,
+    pub(super) APB1ENR2 0x5c,
+    pub(super) APB2ENR 0x60,
+    CCIPR 0x88,
+    BDCR 0x90,
+    // Clears the reset flags.
+    CSR 0x94 { RMVF 23 },
+    CRRCR 0x98,
+    CCIPR2 0x9c,
+}
 
 /// Implemented gates. The RTC and the window watchdog have no reset bit.
 const AHB1_GATES: u32 = 0x111f;
@@ -40,31 +46,13 @@ const RTCAPB: u32 = 3 << 10;
 const APB1_2_GATES: u32 = 0x103;
 const APB2_GATES: u32 = 0x0437_f801;
 
-const HSION: u32 = 1 << 8;
-const HSEON: u32 = 1 << 16;
-const HSEBYP: u32 = 1 << 18;
-/// The CSS monitors the crystal.
-const CSSON: u32 = 1 << 19;
-const PLLON: u32 = 1 << 24;
-/// In CR each ready flag is the bit above its enable bit, except HSI's.
-const HSIRDY: u32 = 1 << 10;
-const HSERDY: u32 = 1 << 17;
-const PLLRDY: u32 = 1 << 25;
-
 /// When the system clock rises across `STEP_HZ`, HCLK must be half of it for `STEP_S` (RM0440 7.2.7; ST's HAL,
 /// `stm32g4xx_hal_rcc.c`, `HAL_RCC_ClockConfig`).
 const STEP_HZ: f64 = 80e6;
 const STEP_S: f64 = 1e-6;
-/// CFGR: the AHB prescaler divides.
-const AHB_DIVIDES: u32 = 1 << 7;
 
 /// BDCR: RTCEN, and RTCSEL = 2 (LSI).
 const RTC_ON_LSI: u32 = 1 << 15 | 2 << 8;
-/// CSR: clears the reset flags.
-const RMVF: u32 = 1 << 23;
-
-/// CIFR and CICR: the CSS detected a crystal failure.
-const CSSF: u32 = 1 << 8;
 
 const HSI_HZ: f64 = 16e6;
 const HSI48_HZ: f64 = 48e6;
@@ -122,11 +110,14 @@ pub struct Rcc {
     hsi48_ready: Option<Cycles>,
     lsi_ready: Option<Cycles>,
     causes: u32,
-    failed: bool,
+    /// The crystal has failed, which requests the NMI.
+    pub failed: bool,
     /// When the system clock last rose above [`STEP_HZ`].
     stepped: Cycles,
-    errata: Errata,
-    rules: Rules,
+    /// Errata in force.
+    pub errata: Errata,
+    /// How strictly the model treats violations.
+    pub rules: Rules,
     /// The system clock in use (SWS), if the selected one (SW) is not ready yet.
     still: Option<u32>,
 }
@@ -134,7 +125,7 @@ pub struct Rcc {
 impl Rcc {
     /// RCC with a crystal of this frequency, 0 for none.
     pub fn new(hse_hz: f64) -> Self {
-        let storage = Storage::new(&[
+        let storage = Storage::shared(&[
             (CR, HSION, HSION | 1 << 9 | HSEON | HSEBYP | CSSON | PLLON),
             (ICSCR, 0x4000_0000, 0x7f00_0000),
             (CFGR, 0x5, 0x3ff3 | 0x7f00_0000),
@@ -177,20 +168,15 @@ impl Rcc {
         }
     }
 
-    /// Sets how strictly the model treats violations from now on.
-    pub fn set_rules(&mut self, rules: Rules) {
-        self.rules = rules;
-    }
-
     /// The system clock in use (SWS).
     fn in_use(&self) -> u32 {
-        self.still.unwrap_or(self.storage.get(CFGR) & 3)
+        self.still.unwrap_or(self.storage[CFGR] & 3)
     }
 
     /// Time at which a system clock source becomes ready; none while it is off.
     fn ready(&self, source: u32) -> Option<Cycles> {
         match source {
-            1 => (self.storage.get(CR) & HSION != 0).then_some(0),
+            1 => (self.storage[CR] & HSION != 0).then_some(0),
             2 => self.hse_ready,
             3 => self.pll_ready,
             _ => None,
@@ -201,16 +187,11 @@ impl Rcc {
     /// frequencies.
     #[must_use]
     pub fn switches(&mut self, now: Cycles) -> bool {
-        let ready = self.still.is_some() && self.ready(self.storage.get(CFGR) & 3).is_some_and(|at| at <= now);
+        let ready = self.still.is_some() && self.ready(self.storage[CFGR] & 3).is_some_and(|at| at <= now);
         if ready {
             self.still = None;
         }
         ready
-    }
-
-    /// Sets the errata that apply from now on.
-    pub fn set_errata(&mut self, errata: Errata) {
-        self.errata = errata;
     }
 
     /// Removes the supply and the battery, so the backup domain is lost too.
@@ -220,12 +201,12 @@ impl Rcc {
 
     /// Whether a peripheral's clock is enabled.
     pub fn is_on(&self, Gate(register, bit): Gate) -> bool {
-        self.storage.get(register) >> bit & 1 != 0
+        self.storage[register] >> bit & 1 != 0
     }
 
     /// Whether a peripheral is held in reset.
     pub fn is_reset(&self, Gate(register, bit): Gate) -> bool {
-        self.storage.get(register - 0x20) >> bit & 1 != 0
+        self.storage[register - 0x20] >> bit & 1 != 0
     }
 
     /// Makes the crystal fail, which stops everything that it clocks. If the CSS monitors the crystal, the core
@@ -234,24 +215,14 @@ impl Rcc {
         self.hse_hz = 0.0;
         // A crystal that is not ready yet never becomes ready.
         self.hse_ready = self.hse_ready.filter(|at| *at <= now);
-        let watched = self.storage.get(CR) & CSSON != 0 && self.hse_ready.take().is_some();
+        let watched = self.storage[CR] & CSSON != 0 && self.hse_ready.take().is_some();
         if watched {
             self.failed = true;
-            self.storage.set(CR, self.storage.get(CR) & !(HSEON | PLLON | CSSON) | HSION);
+            self.storage[CR] = self.storage[CR] & !(HSEON | PLLON | CSSON) | HSION;
             self.pll_ready = None;
             self.still = None;
-            self.storage.set(CFGR, self.storage.get(CFGR) & !3 | 1);
+            self.storage[CFGR] = self.storage[CFGR] & !3 | 1;
         }
-    }
-
-    /// Whether a crystal failure requests the NMI.
-    pub fn nmi(&self) -> bool {
-        self.failed
-    }
-
-    /// CCIPR: clock source selections of the peripherals.
-    pub fn ccipr(&self) -> u32 {
-        self.storage.get(CCIPR)
     }
 
     /// Adds the flags of a reset cause; a power-on reset clears earlier flags.
@@ -261,7 +232,7 @@ impl Rcc {
 
     /// Frequencies of the PLL input, the VCO and the outputs P, Q and R (0 for an output that is off).
     fn pll(&self) -> (f64, f64, [f64; 3]) {
-        let pllcfgr = self.storage.get(PLLCFGR);
+        let pllcfgr = self.storage[PLLCFGR];
         let field = |shift: u32, mask: u32| f64::from(pllcfgr >> shift & mask);
         let on = |bit: u32| pllcfgr >> bit & 1 != 0;
         let source = match pllcfgr & 3 {
@@ -292,7 +263,7 @@ impl Rcc {
 
     /// Frequencies set in the registers, from the time `since` on, which is `since_s` seconds after power-on.
     pub fn clocks(&self, since: Cycles, since_s: f64) -> Clocks {
-        let cfgr = self.storage.get(CFGR);
+        let cfgr = self.storage[CFGR];
         let sysclk_hz = self.sysclk_hz();
         let ahb = match cfgr >> 4 & 0xf {
             code @ 8..=11 => f64::from(2 << (code - 8)),
@@ -307,9 +278,9 @@ impl Rcc {
         };
         let ((pclk1_hz, timer1), (pclk2_hz, timer2)) = (bus(8), bus(11));
         let [p, q, _] = self.pll().2;
-        let ccipr = self.ccipr();
+        let ccipr = self.storage[CCIPR];
         let usb_hz = match ccipr >> 26 & 3 {
-            0 if self.storage.get(CRRCR) & 1 != 0 => HSI48_HZ,
+            0 if self.storage[CRRCR] & 1 != 0 => HSI48_HZ,
             2 => q,
             _ => 0.0,
         };
@@ -342,8 +313,8 @@ impl Rcc {
     /// Whether the core may run at the set frequencies (RM0440 7.2.4 and 3.3.3, DS12288 table "PLL characteristics").
     ///
     /// `boost`: PWR_CR5.R1MODE is 0; `wait_states`: FLASH_ACR.LATENCY.
-    pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Result<(), Unknown> {
-        let cr = self.storage.get(CR);
+    pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Modelled {
+        let cr = self.storage[CR];
         // Outside its range the PLL may or may not lock, which matters only if it clocks the system.
         if cr & PLLON != 0 && (self.rules == Rules::Enforced || self.in_use() == 3) {
             let (input, vco, outputs) = self.pll();
@@ -375,18 +346,14 @@ fn switched(on: bool, before: Option<Cycles>, ready: Cycles) -> Option<Cycles> {
 }
 
 impl Registers for Rcc {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn word(&mut self, register: u32, now: Cycles) -> Modelled<u32> {
         let ready = |moment: Option<Cycles>, flag: u32| if moment.is_some_and(|at| at <= now) { flag } else { 0 };
-        let register = offset & !3;
-        if matches!(register, CIFR | CICR) {
-            return Ok(if register == CIFR && self.failed { CSSF } else { 0 });
-        }
-        if !self.storage.contains(register) {
-            return Err(Unknown::REGISTER);
-        }
-        // A program reads all of them to change single bits, so a read before any write is not listed.
-        let value = self.storage.get(register);
-        let word = match register {
+        let value = match register {
+            CIFR if self.failed => CSSF,
+            CIFR | CICR => 0,
+            _ => self.storage.load(register)?,
+        };
+        Ok(match register {
             CR => {
                 value
                     | if value & HSION != 0 { HSIRDY } else { 0 }
@@ -397,24 +364,20 @@ impl Registers for Rcc {
             CSR => value | self.causes | ready(self.lsi_ready, 2),
             CRRCR => value | ready(self.hsi48_ready, 2),
             _ => value,
-        };
-        Ok(width.part(word, offset))
+        })
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let register = offset & !3;
         if register == CICR {
             self.failed &= width.replace(0, offset, value) & CSSF == 0;
             return Ok(());
         }
-        if !self.storage.contains(register) {
-            return Err(Unknown::REGISTER);
-        }
-        let old = self.storage.get(register);
+        let old = self.storage.load(register)?;
         let word = width.replace(old, offset, value);
         match register {
             CR if word & PLLON != 0
-                && self.storage.get(PLLCFGR) & 3 == 3
+                && self.storage[PLLCFGR] & 3 == 3
                 && self.hse_ready.is_none_or(|at| at > now) =>
             {
                 return refuse("PLL enabled before its source is ready");
@@ -430,7 +393,7 @@ impl Registers for Rcc {
         }
         let slow = self.sysclk_hz() <= STEP_HZ;
         let in_use = self.in_use();
-        self.storage.write(offset, value, width)?;
+        self.storage.store(offset, value, width)?;
         if register == CFGR && self.rules == Rules::AsOnTheChip {
             self.still = self.ready(word & 3).is_none_or(|at| at > now).then_some(in_use);
         }
@@ -465,9 +428,9 @@ impl Registers for Rcc {
 
     fn reset(&mut self, _: Cycles) {
         // A system reset does not affect RCC_BDCR.
-        let bdcr = self.storage.get(BDCR);
+        let bdcr = self.storage[BDCR];
         self.storage.reset();
-        self.storage.set(BDCR, bdcr);
+        self.storage[BDCR] = bdcr;
         (self.hse_ready, self.pll_ready, self.hsi48_ready, self.lsi_ready) = (None, None, None, None);
         self.hclk_hz = HSI_HZ;
         self.failed = false;
@@ -475,7 +438,7 @@ impl Registers for Rcc {
     }
 
     fn next_event(&self) -> Option<Cycles> {
-        self.still.and(self.ready(self.storage.get(CFGR) & 3))
+        self.still.and(self.ready(self.storage[CFGR] & 3))
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
@@ -559,18 +522,18 @@ mod tests {
         let mut rcc = at_168_mhz();
         write(&mut rcc, CR, HSION | HSEON | CSSON | PLLON, 40_000);
         rcc.break_crystal(45_000);
-        assert!(rcc.nmi());
+        assert!(rcc.failed);
         assert_eq!((read(&mut rcc, CIFR, 50_000), read(&mut rcc, CR, 50_000) & (HSERDY | PLLRDY)), (CSSF, 0));
         assert_eq!(rcc.clocks(50_000, 0.003).hclk_hz, 16e6);
         write(&mut rcc, CICR, CSSF, 50_000);
-        assert!(!rcc.nmi());
+        assert!(!rcc.failed);
     }
 
     #[test]
     fn the_rtc_takes_the_lsi_from_the_watchdog_by_an_erratum_only() {
         for (errata, is_refused) in [(Errata { lsi_with_rtc: true, ..Errata::NONE }, true), (Errata::NONE, false)] {
             let mut rcc = Rcc::new(24e6);
-            rcc.set_errata(errata);
+            rcc.errata = errata;
             assert_eq!(refuses(&mut rcc, BDCR, RTC_ON_LSI, 0), is_refused);
             assert_eq!(rcc.write(BDCR, 2 << 8, Width::Word, 0), Ok(()), "chosen, and off");
         }

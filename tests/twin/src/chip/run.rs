@@ -2,37 +2,32 @@
 
 use super::rcc::Reset;
 use super::{BLOCKS, BadAccess, Chip, RCC_CFGR};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Width};
 
 impl Chip {
     /// A read by the core.
     pub fn read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
-        self.advance(now);
-        let value = self.bus_read(address, width, now)?;
-        self.serve_dma(now);
-        Ok(value)
+        self.access(address, width, None, now)
     }
 
     /// A write by the core.
     pub fn write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), BadAccess> {
+        self.access(address, width, Some(value), now).map(|_| ())
+    }
+
+    /// A write of this value by the core, or a read.
+    pub fn access(&mut self, address: u32, width: Width, value: Option<u32>, now: Cycles) -> Result<u32, BadAccess> {
         self.advance(now);
-        self.bus_write(address, value, width, now)?;
+        let word = self.bus(address, width, value, now)?;
         self.serve_dma(now);
-        Ok(())
+        Ok(word)
     }
 
     /// The latest time at which [`Self::advance`] must be called.
     pub fn next_event(&mut self) -> Option<Cycles> {
-        let models: [Option<Cycles>; 6] = [
-            self.rcc.next_event(),
-            self.pipeline_next_event(),
-            self.usb.next_event(),
-            self.lpuart1.next_event(),
-            self.iwdg.next_event(),
-            self.flash.next_event(),
-        ];
-        let timers = self.timers().into_iter().filter_map(Registers::next_event).min();
-        let event = models.into_iter().flatten().chain(timers).min();
+        let of_path = self.pipeline_next_event();
+        let of_models = BLOCKS.iter().filter_map(|block| self.model(block.peripheral).next_event());
+        let event = of_models.chain(of_path).min();
         self.due = event.unwrap_or(Cycles::MAX);
         event
     }
@@ -44,20 +39,13 @@ impl Chip {
             return;
         }
         if self.rcc.switches(now)
-            && let Err(Unknown { what }) = self.change_clocks(now)
+            && let Err(unknown) = self.change_clocks(now)
         {
-            let (address, offset) = (RCC_CFGR, RCC_CFGR & 0x3ff);
-            let fault = BadAccess { address, peripheral: "RCC", offset, width: Width::Word, value: None, what };
-            self.path_fault.get_or_insert(fault);
+            self.fault("RCC", RCC_CFGR, unknown);
         }
-        let Self { tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17, .. } = self;
-        for tim in [tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17] {
-            tim.advance(now);
+        for block in &BLOCKS {
+            self.model(block.peripheral).advance(now);
         }
-        self.usb.advance(now);
-        self.lpuart1.advance(now);
-        self.iwdg.advance(now);
-        self.flash.advance(now);
     }
 
     /// Resets the chip for this cause. RAM is kept; to lose power, call [`Self::lose_power`] first.

@@ -12,36 +12,17 @@ use super::clocks::Clocks;
 use super::errata::Errata;
 use crate::registers::Storage;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
-// CR1.
-const CPHA: u32 = 1 << 0;
-const CPOL: u32 = 1 << 1;
-const MSTR: u32 = 1 << 2;
-const SPE: u32 = 1 << 6;
-const LSBFIRST: u32 = 1 << 7;
-const SSI: u32 = 1 << 8;
-const SSM: u32 = 1 << 9;
-const RXONLY: u32 = 1 << 10;
-const CRCEN: u32 = 1 << 13;
-const BIDIMODE: u32 = 1 << 15;
+registers! { u32:
+    CR1 0x00 { CPHA 0, CPOL 1, MSTR 2, SPE 6, LSBFIRST 7, SSI 8, SSM 9, RXONLY 10, CRCEN 13, BIDIMODE 15 },
+    CR2 0x04 { RXDMAEN 0, TXDMAEN 1, FRF 4, ERRIE 5, RXNEIE 6, TXEIE 7, FRXTH 12 },
+    SR 0x08 { RXNE 0, TXE 1, OVR 6, BSY 7 },
+    DR 0x0C,
+    I2SCFGR 0x1C,
+}
 const CR1_NOT_MODELLED: u32 = LSBFIRST | RXONLY | CRCEN | BIDIMODE;
-
-// CR2.
-const RXDMAEN: u32 = 1 << 0;
-const TXDMAEN: u32 = 1 << 1;
-const FRF: u32 = 1 << 4;
-const ERRIE: u32 = 1 << 5;
-const RXNEIE: u32 = 1 << 6;
-const TXEIE: u32 = 1 << 7;
-const FRXTH: u32 = 1 << 12;
 const CR2_RESET: u32 = 0x0700;
-
-// SR.
-const RXNE: u32 = 1 << 0;
-const TXE: u32 = 1 << 1;
-const OVR: u32 = 1 << 6;
-const BSY: u32 = 1 << 7;
 
 /// Size of a FIFO \[bytes\].
 const DEPTH: usize = 4;
@@ -66,10 +47,13 @@ pub struct Spi {
     overrun_read: bool,
     transmit: VecDeque<u8>,
     receive: VecDeque<u8>,
-    frame: Option<Frame>,
-    /// BSY stays set because the SPI was disabled with something left to send (ES0430 2.18.1).
-    busy_stays: bool,
-    errata: Errata,
+    /// The frame in progress.
+    pub frame: Option<Frame>,
+    /// BSY stays set, until the peripheral is reset, because the SPI was disabled with something left to send (ES0430
+    /// 2.18.1).
+    pub busy_stays: bool,
+    /// Errata in force.
+    pub errata: Errata,
     /// Core cycles per APB clock.
     divider: u64,
     /// CRCPR, RXCRCR, TXCRCR, I2SCFGR, I2SPR.
@@ -94,7 +78,7 @@ impl Default for Spi {
                 (0x10, 7, 0xFFFF),
                 (0x14, 0, 0),
                 (0x18, 0, 0),
-                (0x1C, 0, 0x1FBF),
+                (I2SCFGR, 0, 0x1FBF),
                 (0x20, 2, 0x03FF),
             ]),
         }
@@ -147,11 +131,6 @@ impl Spi {
         self.receive.len() >= if self.cr2 & FRXTH != 0 { 1 } else { 2 }
     }
 
-    /// Sets the errata that apply from now on.
-    pub fn set_errata(&mut self, errata: Errata) {
-        self.errata = errata;
-    }
-
     fn status(&self) -> u32 {
         let level = |fifo: &VecDeque<u8>| fifo.len().min(3) as u32;
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
@@ -162,11 +141,6 @@ impl Spi {
             | flag(busy, BSY)
             | level(&self.receive) << 9
             | level(&self.transmit) << 11
-    }
-
-    /// The frame in progress.
-    pub fn frame(&self) -> Option<Frame> {
-        self.frame
     }
 
     /// End of the frame in progress; [`finish`](Self::finish) must be called then.
@@ -219,12 +193,7 @@ impl Spi {
         self.cr2 & (TXEIE | RXNEIE | ERRIE) != 0
     }
 
-    /// Whether BSY stays set because of the erratum, until the peripheral is reset.
-    pub fn busy_stays(&self) -> bool {
-        self.busy_stays
-    }
-
-    fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
+    fn write_control(&mut self, value: u32, now: Cycles) -> Modelled {
         if value & SPE != 0 {
             refuse_if(
                 self.is_enabled() && (self.cr1 ^ value) & !(SPE | SSI) != 0,
@@ -243,7 +212,7 @@ impl Spi {
         Ok(())
     }
 
-    fn write_data(&mut self, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write_data(&mut self, value: u32, width: Width, now: Cycles) -> Modelled {
         // A half-word holds two frames of up to eight bits. A byte cannot hold a longer frame.
         let bytes = match width {
             Width::Byte if self.frame_bytes() == 2 => {
@@ -271,27 +240,27 @@ impl Spi {
 }
 
 impl Registers for Spi {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         let word = match offset & !3 {
-            0x00 => self.cr1,
-            0x04 => self.cr2,
-            0x08 => {
+            CR1 => self.cr1,
+            CR2 => self.cr2,
+            SR => {
                 let status = self.status();
                 if std::mem::take(&mut self.overrun_read) {
                     self.overrun = false;
                 }
                 status
             }
-            0x0C if offset & 3 == 0 => return Ok(self.read_data(width)),
-            _ => return self.storage.read(offset, width),
+            DR if offset & 3 == 0 => return Ok(self.read_data(width)),
+            register => self.storage.load(register)?,
         };
         Ok(width.part(word, offset))
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         match offset & !3 {
-            0x00 => self.write_control(width.replace(self.cr1, offset, value), now),
-            0x04 => {
+            CR1 => self.write_control(width.replace(self.cr1, offset, value), now),
+            CR2 => {
                 let value = width.replace(self.cr2, offset, value) & 0x7FFF;
                 // DS, FRF, NSSP and SSOE may change only while the SPI is disabled (39.9.2).
                 let fixed = 0xF << 8 | FRF | 1 << 3 | 1 << 2;
@@ -303,10 +272,10 @@ impl Registers for Spi {
                 Ok(())
             }
             // Error flags that this model does not raise.
-            0x08 => Ok(()),
-            0x0C if offset & 3 == 0 => self.write_data(value, width, now),
-            0x1C if value & 1 << 11 != 0 => refuse("SPI_I2SCFGR.I2SMOD: I2S is not modelled"),
-            _ => self.storage.write(offset, value, width),
+            SR => Ok(()),
+            DR if offset & 3 == 0 => self.write_data(value, width, now),
+            I2SCFGR if value & 1 << 11 != 0 => refuse("SPI_I2SCFGR.I2SMOD: I2S is not modelled"),
+            _ => self.storage.write(offset, value, width, now),
         }
     }
 
@@ -363,14 +332,14 @@ mod tests {
     fn the_busy_flag_stays_where_it_was_switched_off_with_something_to_send() {
         let busy = |errata: Errata, frames: usize, ended: usize| {
             let mut spi = master();
-            spi.set_errata(errata);
+            spi.errata = errata;
             (0..frames).for_each(|_| write(&mut spi, DR, 0x11, Byte));
             (0..ended).for_each(|_| spi.finish(0));
             let cr1 = read(&mut spi, 0, Word);
             write(&mut spi, 0, cr1 & !SPE, Word);
-            let stays = spi.busy_stays();
+            let stays = spi.busy_stays;
             spi.reset(0);
-            assert!(!spi.busy_stays());
+            assert!(!spi.busy_stays);
             stays
         };
         let only = Errata { spi_busy_stays: true, ..Errata::NONE };
@@ -388,7 +357,7 @@ mod tests {
         }
         // One frame in the shift register, two in the FIFO.
         assert_eq!(levels(&mut spi), (0, 2));
-        assert_eq!(spi.frame(), Some(Frame { data: 0x11, bits: 8, end: 64 }));
+        assert_eq!(spi.frame, Some(Frame { data: 0x11, bits: 8, end: 64 }));
         assert_ne!(read(&mut spi, 0x08, Word) & BSY, 0);
         for (answer, end) in [(0xA1, 128), (0xA2, 192)] {
             spi.finish(answer);
@@ -405,9 +374,9 @@ mod tests {
     fn a_half_word_holds_two_bytes() {
         let mut spi = master();
         write(&mut spi, DR, 0x2211, Half);
-        assert_eq!(spi.frame().unwrap().data, 0x11);
+        assert_eq!(spi.frame.unwrap().data, 0x11);
         spi.finish(0xA1);
-        assert_eq!(spi.frame().unwrap().data, 0x22);
+        assert_eq!(spi.frame.unwrap().data, 0x22);
         spi.finish(0xA2);
         assert_eq!(read(&mut spi, DR, Half), 0xA2A1);
     }
@@ -418,7 +387,7 @@ mod tests {
         write(&mut spi, 0x04, 15 << 8, Word);
         write(&mut spi, 0x00, MSTR | SSM | SSI | SPE, Word);
         write(&mut spi, DR, 0xBEEF, Half);
-        assert_eq!((spi.frame().unwrap().data, spi.frame().unwrap().bits, spi.due()), (0xBEEF, 16, Some(32)));
+        assert_eq!((spi.frame.unwrap().data, spi.frame.unwrap().bits, spi.due()), (0xBEEF, 16, Some(32)));
         spi.finish(0x1234);
         assert!(read(&mut spi, 0x08, Half) & RXNE != 0);
         assert_eq!(read(&mut spi, DR, Half), 0x1234);

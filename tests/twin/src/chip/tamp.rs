@@ -1,8 +1,7 @@
 //! Backup registers (RM0440 section 36.6): 32 words that survive a reset but not a loss of power. Tamper detection is
 //! refused.
 
-use crate::registers::peek;
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Storage, Width};
 
 const BACKUP: std::ops::RangeInclusive<u32> = 0x100..=0x17c;
 
@@ -13,11 +12,10 @@ pub struct Tamp(Storage);
 impl Default for Tamp {
     fn default() -> Self {
         // CR1 starts with the internal tampers enabled. They can be disabled, which has no other effect.
-        let registers: Vec<_> = [(0x00, 0xffff_0000, 0x3f_0007)]
-            .into_iter()
-            .chain(BACKUP.step_by(4).map(|offset| (offset, 0, u32::MAX)))
-            .collect();
-        Self(Storage::new(&registers))
+        let control = Storage::new(&[(0x00, 0xffff_0000, 0x3f_0007)]);
+        // Programs read the backup registers for the values of the previous run.
+        let backup: Vec<_> = BACKUP.step_by(4).map(|offset| (offset, 0, u32::MAX)).collect();
+        Self(control.and(Storage::shared(&backup)))
     }
 }
 
@@ -29,13 +27,12 @@ impl Tamp {
 }
 
 impl Registers for Tamp {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
-        // Programs read the backup registers for the values of the previous run.
-        if BACKUP.contains(&(offset & !3)) { peek(&self.0, offset, width) } else { self.0.read(offset, width) }
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        self.0.load(register)
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
-        self.0.write(offset, value, width)
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
+        self.0.write(offset, value, width, now)
     }
 
     fn reset(&mut self, _: Cycles) {}

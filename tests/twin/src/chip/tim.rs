@@ -8,45 +8,39 @@
 
 use super::rcc::LSI_HZ;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
+use crate::{Cycles, Modelled, Registers, Storage, Width, chip::clocks::Clocks};
 
-const CR1: u32 = 0x00;
-const CR2: u32 = 0x04;
-const SMCR: u32 = 0x08;
-const DIER: u32 = 0x0c;
-const SR: u32 = 0x10;
-const EGR: u32 = 0x14;
-const CCMR1: u32 = 0x18;
-const CCMR2: u32 = 0x1c;
-const CCER: u32 = 0x20;
-const CNT: u32 = 0x24;
-const PSC: u32 = 0x28;
-const ARR: u32 = 0x2c;
-const RCR: u32 = 0x30;
-const CCR1: u32 = 0x34;
-const CCR2: u32 = 0x38;
-const CCR3: u32 = 0x3c;
-const CCR4: u32 = 0x40;
-const BDTR: u32 = 0x44;
-const TISEL: u32 = 0x5c;
-const AF1: u32 = 0x60;
-const AF2: u32 = 0x64;
+registers! { u32:
+    CR1 0x00 { CEN 0, UDIS 1, URS 2, DIR 4, ARPE 7, UIFREMAP 11 },
+    CR2 0x04,
+    SMCR 0x08,
+    DIER 0x0c,
+    // Update; the same bit in DIER. Compare 1 to 4 are the next bits.
+    SR 0x10 { UIF 0 },
+    EGR 0x14,
+    CCMR1 0x18,
+    CCMR2 0x1c,
+    CCER 0x20,
+    CNT 0x24,
+    PSC 0x28,
+    ARR 0x2c,
+    RCR 0x30,
+    CCR1 0x34,
+    CCR2 0x38,
+    CCR3 0x3c,
+    CCR4 0x40,
+    // Main output enable, for timers with a break input.
+    BDTR 0x44 { MOE 15 },
+    TISEL 0x5c,
+    AF1 0x60,
+    AF2 0x64,
+}
 
 /// TISEL of TIM5: LSI.
 const LSI: u32 = 1;
 
-const CEN: u32 = 1 << 0;
-const UDIS: u32 = 1 << 1;
-const URS: u32 = 1 << 2;
-const DIR: u32 = 1 << 4;
-const ARPE: u32 = 1 << 7;
-const UIFREMAP: u32 = 1 << 11;
 /// CR1 bits that the model implements: CEN, UDIS, URS, DIR, ARPE, CKD, UIFREMAP.
 const CR1_KNOWN: u32 = CEN | UDIS | URS | DIR | ARPE | 3 << 8 | UIFREMAP;
-/// SR and DIER: update. Compare 1 to 4 are the next bits.
-const UIF: u32 = 1 << 0;
-/// BDTR: main output enable, for timers with a break input.
-const MOE: u32 = 1 << 15;
 
 /// The kind of a timer, which gives its bus and its features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,7 +87,8 @@ pub struct Tim {
     kind: Kind,
     storage: Storage,
     flags: u32,
-    count: u32,
+    /// The counter value.
+    pub count: u32,
     /// Active prescaler and period (shadow registers), which an update loads from the registers.
     prescaler: u32,
     period: u32,
@@ -177,8 +172,8 @@ impl Tim {
 
     /// Captures the edges of LSI up to `now`, one in as many as the input prescaler sets.
     fn capture_lsi(&mut self, now: Cycles) {
-        let enabled = self.storage.get(CCER) & 1 != 0 && self.channel_mode(1) & 3 == 1;
-        if self.storage.get(TISEL) & 0xf != LSI || !enabled {
+        let enabled = self.storage[CCER] & 1 != 0 && self.channel_mode(1) & 3 == 1;
+        if self.storage[TISEL] & 0xf != LSI || !enabled {
             return;
         }
         while self.lsi_edge <= now as f64 {
@@ -208,7 +203,7 @@ impl Tim {
         if ticks >= until_update {
             self.pass(until_update);
             ticks -= until_update;
-            if self.storage.get(CR1) & UDIS == 0 {
+            if self.storage[CR1] & UDIS == 0 {
                 let left = ticks * self.cycles_per_tick() + self.remainder;
                 self.update();
                 self.flags |= UIF;
@@ -228,7 +223,7 @@ impl Tim {
         if self.kind == Kind::Single {
             return None;
         }
-        match self.storage.get(SMCR) & 0x1_0007 {
+        match self.storage[SMCR] & 0x1_0007 {
             1 | 2 => Some(2),
             3 => Some(4),
             _ => None,
@@ -236,7 +231,7 @@ impl Tim {
     }
 
     fn counting(&self) -> bool {
-        self.storage.get(CR1) & CEN != 0 && self.encoder_edges().is_none()
+        self.storage[CR1] & CEN != 0 && self.encoder_edges().is_none()
     }
 
     /// Ticks of a full counter period.
@@ -265,7 +260,7 @@ impl Tim {
     /// Mode bits of a channel: CCxS in bits 0..1, OCxM in 4..6 and 16.
     fn channel_mode(&self, channel: usize) -> u32 {
         let register = if channel <= 2 { CCMR1 } else { CCMR2 };
-        self.storage.get(register) >> (8 * ((channel - 1) % 2))
+        self.storage[register] >> (8 * ((channel - 1) % 2))
     }
 
     fn is_input(&self, channel: usize) -> bool {
@@ -275,7 +270,7 @@ impl Tim {
     /// Advances the counter by this many ticks with the active prescaler and period.
     fn pass(&mut self, ticks: u64) {
         for channel in 1..=self.kind.channels() {
-            let reached = self.ticks_until(self.storage.get(Self::ccr(channel))).is_some_and(|until| until <= ticks);
+            let reached = self.ticks_until(self.storage[Self::ccr(channel)]).is_some_and(|until| until <= ticks);
             if reached && !self.is_input(channel) {
                 self.flags |= 1 << channel;
             }
@@ -285,13 +280,8 @@ impl Tim {
     }
 
     fn update(&mut self) {
-        self.prescaler = self.storage.get(PSC);
-        self.period = self.storage.get(ARR);
-    }
-
-    /// The counter value.
-    pub fn count(&self) -> u32 {
-        self.count
+        self.prescaler = self.storage[PSC];
+        self.period = self.storage[ARR];
     }
 
     /// Sets the position of the external encoder in edges (four per period, wrapping).
@@ -303,7 +293,7 @@ impl Tim {
         };
         let per_count = 4 / counted as i32;
         let steps = moved / per_count;
-        if self.storage.get(CR1) & CEN == 0 {
+        if self.storage[CR1] & CEN == 0 {
             self.encoder = edges;
             return;
         }
@@ -312,20 +302,20 @@ impl Tim {
         }
         self.encoder = self.encoder.wrapping_add((steps * per_count) as u32);
         // Each inverted input reverses the count direction.
-        let inverted = (self.storage.get(CCER) >> 1 ^ self.storage.get(CCER) >> 5) & 1 != 0;
+        let inverted = (self.storage[CCER] >> 1 ^ self.storage[CCER] >> 5) & 1 != 0;
         let steps = i64::from(if inverted { -steps } else { steps });
         let unwrapped = i64::from(self.count) + steps;
         self.count = unwrapped.rem_euclid(self.round() as i64) as u32;
         if unwrapped != i64::from(self.count) {
             self.flags |= UIF;
         }
-        let cr1 = self.storage.get(CR1);
-        self.storage.set(CR1, if steps < 0 { cr1 | DIR } else { cr1 & !DIR });
+        let cr1 = self.storage[CR1];
+        self.storage[CR1] = if steps < 0 { cr1 | DIR } else { cr1 & !DIR };
     }
 
     /// The input of a channel has an edge. A channel that captures this edge stores the counter value.
     pub fn edge(&mut self, channel: usize, rising: bool) {
-        let enable = self.storage.get(CCER) >> (4 * (channel - 1));
+        let enable = self.storage[CCER] >> (4 * (channel - 1));
         // CCxP and CCxNP: 00 rising, 01 falling, 11 both.
         let wanted = match enable >> 1 & 5 {
             0 => rising,
@@ -336,7 +326,7 @@ impl Tim {
         if enable & 1 == 0 || self.channel_mode(channel) & 3 != 1 || !wanted {
             return;
         }
-        self.storage.set(Self::ccr(channel), self.count);
+        self.storage[Self::ccr(channel)] = self.count;
         let flag = 1 << channel;
         if self.flags & flag != 0 {
             // The previous capture was not read: overcapture.
@@ -352,18 +342,18 @@ impl Tim {
 
     /// Level of the update interrupt request.
     pub fn irq_update(&self) -> bool {
-        self.flags & self.storage.get(DIER) & UIF != 0
+        self.flags & self.storage[DIER] & UIF != 0
     }
 
     /// Level of the capture/compare interrupt request.
     pub fn irq_compare(&self) -> bool {
-        self.flags & self.storage.get(DIER) & 0x1e != 0
+        self.flags & self.storage[DIER] & 0x1e != 0
     }
 
     /// Output of a channel; none unless it is an enabled PWM output.
     pub fn pwm(&self, channel: usize) -> Option<Pwm> {
-        let enabled = self.storage.get(CCER) >> (4 * (channel - 1)) & 5 != 0;
-        let gated = self.kind.has_break() && self.storage.get(BDTR) & MOE == 0;
+        let enabled = self.storage[CCER] >> (4 * (channel - 1)) & 5 != 0;
+        let gated = self.kind.has_break() && self.storage[BDTR] & MOE == 0;
         let high_first = match self.channel_mode(channel) >> 4 & 0x1007 {
             6 => true,
             7 => false,
@@ -372,7 +362,7 @@ impl Tim {
         if !self.counting() || !enabled || gated {
             return None;
         }
-        let ticks = (u64::from(self.storage.get(Self::ccr(channel)))).min(self.round());
+        let ticks = (u64::from(self.storage[Self::ccr(channel)])).min(self.round());
         let part = ticks as f64 / self.round() as f64;
         let frequency_hz = self.clock_hz / (f64::from(self.prescaler) + 1.0) / self.round() as f64;
         Some(Pwm { frequency_hz, duty: if high_first { part } else { 1.0 - part } })
@@ -380,42 +370,36 @@ impl Tim {
 }
 
 impl Registers for Tim {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
-        self.advance(now);
-        let word = match offset & !3 {
+    fn word(&mut self, register: u32, _: Cycles) -> Modelled<u32> {
+        let channel = (register.wrapping_sub(CCR1) / 4 + 1) as usize;
+        Ok(match register {
             SR => self.flags,
             EGR => 0,
             CNT => {
-                let copy = self.storage.get(CR1) & UIFREMAP != 0;
+                let copy = self.storage[CR1] & UIFREMAP != 0;
                 if copy { self.count & !(1 << 31) | (self.flags & UIF) << 31 } else { self.count }
             }
-            register @ CCR1..=CCR4 if self.storage.contains(register) => {
-                let channel = ((register - CCR1) / 4 + 1) as usize;
-                if self.is_input(channel) {
-                    // A captured value, which hardware has written.
-                    self.flags &= !(1 << channel);
-                    self.storage.get(register)
-                } else {
-                    self.storage.read(register, Width::Word)?
-                }
+            CCR1..=CCR4 if channel <= self.kind.channels() && self.is_input(channel) => {
+                // A captured value, which hardware has written.
+                self.flags &= !(1 << channel);
+                self.storage[register]
             }
-            register => self.storage.read(register, Width::Word)?,
-        };
-        Ok(width.part(word, offset))
+            _ => self.storage.load(register)?,
+        })
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         self.advance(now);
         match offset & !3 {
             // Writing 0 clears a flag, writing 1 has no effect.
             SR => self.flags &= width.replace(u32::MAX, offset, value),
             EGR => {
                 refuse_if(value & !1 != 0, "EGR: only UG is modelled")?;
-                if value & 1 != 0 && self.storage.get(CR1) & UDIS == 0 {
+                if value & 1 != 0 && self.storage[CR1] & UDIS == 0 {
                     self.update();
                     self.count = 0;
                     self.remainder = 0;
-                    if self.storage.get(CR1) & URS == 0 {
+                    if self.storage[CR1] & URS == 0 {
                         self.flags |= UIF;
                     }
                 }
@@ -423,31 +407,31 @@ impl Registers for Tim {
             CNT => self.count = width.replace(self.count, offset, value) & self.mask(),
             CR1 => {
                 refuse_if(value & !CR1_KNOWN != 0, "one-pulse, centre-aligned or dithering mode is not modelled")?;
-                self.storage.write(offset, value, width)?;
+                self.storage.store(offset, value, width)?;
                 refuse_if(value & DIR != 0 && self.encoder_edges().is_none(), "down-counting is not modelled")?;
             }
             SMCR => {
-                self.storage.write(offset, value, width)?;
+                self.storage.store(offset, value, width)?;
                 refuse_if(
-                    self.storage.get(SMCR) & 0x1_0007 != 0 && self.encoder_edges().is_none(),
+                    self.storage[SMCR] & 0x1_0007 != 0 && self.encoder_edges().is_none(),
                     "SMS: only encoder modes are modelled",
                 )?;
             }
             DIER => {
                 refuse_if(value & 0x5f00 != 0, "DMA requests of this timer are not modelled")?;
-                self.storage.write(offset, value, width)?;
+                self.storage.store(offset, value, width)?;
             }
             TISEL if value != 0 && (!self.takes_lsi || value != LSI) => {
                 return refuse("TISEL: only LSI on TIM5 is modelled");
             }
             register => {
-                self.storage.write(offset, value, width)?;
+                self.storage.store(offset, value, width)?;
                 if register == CCER {
                     self.lsi_edge = now as f64 + self.hclk_hz / LSI_HZ;
                     self.lsi_edges = 0;
                 }
-                if register == ARR && self.storage.get(CR1) & ARPE == 0 {
-                    self.period = self.storage.get(ARR);
+                if register == ARR && self.storage[CR1] & ARPE == 0 {
+                    self.period = self.storage[ARR];
                 }
             }
         }
@@ -455,14 +439,14 @@ impl Registers for Tim {
     }
 
     fn next_event(&self) -> Option<Cycles> {
-        let waited = self.storage.get(DIER) & !self.flags & 0x1f;
+        let waited = self.storage[DIER] & !self.flags & 0x1f;
         if waited == 0 || !self.counting() {
             return None;
         }
         let update = (waited & UIF != 0).then(|| self.round().saturating_sub(u64::from(self.count)).max(1));
         let compare = (1..=self.kind.channels())
             .filter(|&channel| waited >> channel & 1 != 0 && !self.is_input(channel))
-            .filter_map(|channel| self.ticks_until(self.storage.get(Self::ccr(channel))));
+            .filter_map(|channel| self.ticks_until(self.storage[Self::ccr(channel)]));
         let ticks = update.into_iter().chain(compare).min()?;
         Some(self.since + ticks * self.cycles_per_tick() - self.remainder)
     }
@@ -473,13 +457,17 @@ impl Registers for Tim {
     }
 
     fn reset(&mut self, now: Cycles) {
-        let encoder = self.encoder;
-        let clocks = (self.cycles_per_clock, self.clock_hz);
-        let (takes_lsi, hclk_hz) = (self.takes_lsi, self.hclk_hz);
-        let mut storage = self.storage.clone();
-        storage.reset();
-        *self = Self { storage, since: now, encoder, takes_lsi, hclk_hz, ..Self::new(self.kind) };
-        (self.cycles_per_clock, self.clock_hz) = clocks;
+        self.storage.reset();
+        *self = Self {
+            storage: self.storage.clone(),
+            cycles_per_clock: self.cycles_per_clock,
+            clock_hz: self.clock_hz,
+            since: now,
+            encoder: self.encoder,
+            takes_lsi: self.takes_lsi,
+            hclk_hz: self.hclk_hz,
+            ..Self::new(self.kind)
+        };
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
@@ -601,7 +589,7 @@ mod tests {
         tim.set_encoder(999);
         assert_eq!(read(&mut tim, CNT, 10_000), 8, "a written count holds, and no clock moves it");
         tim.set_encoder(999u32.wrapping_add(u32::MAX));
-        assert_eq!(tim.count(), 7, "the encoder's own wrap is one step back");
+        assert_eq!(tim.count, 7, "the encoder's own wrap is one step back");
     }
 
     #[test]
@@ -610,12 +598,12 @@ mod tests {
         write(&mut tim, SMCR, 1, 0);
         write(&mut tim, CR1, CEN, 0);
         tim.set_encoder(3);
-        assert_eq!(tim.count(), 1);
+        assert_eq!(tim.count, 1);
         tim.set_encoder(4);
-        assert_eq!(tim.count(), 2);
+        assert_eq!(tim.count, 2);
         write(&mut tim, CCER, 1 << 1, 0);
         tim.set_encoder(6);
-        assert_eq!(tim.count(), 1);
+        assert_eq!(tim.count, 1);
     }
 
     #[test]

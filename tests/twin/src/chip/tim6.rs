@@ -9,21 +9,20 @@
 
 use super::clocks::Clocks;
 use crate::registers::refuse_if;
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
-// CR1.
-const CEN: u32 = 1 << 0;
-const UDIS: u32 = 1 << 1;
-const URS: u32 = 1 << 2;
-const OPM: u32 = 1 << 3;
-const ARPE: u32 = 1 << 7;
-const UIFREMAP: u32 = 1 << 11;
-const DITHEN: u32 = 1 << 12;
+registers! { u32:
+    CR1 0x00 { CEN 0, UDIS 1, URS 2, OPM 3, ARPE 7, UIFREMAP 11, DITHEN 12 },
+    CR2 0x04,
+    // UIE has the position of UIF in SR.
+    DIER 0x0C { UIE 0, UDE 8 },
+    SR 0x10,
+    EGR 0x14,
+    CNT 0x24,
+    PSC 0x28,
+    ARR 0x2C,
+}
 const CR1_ALL: u32 = CEN | UDIS | URS | OPM | ARPE | UIFREMAP | DITHEN;
-
-// Bits of DIER; UIE has the position of UIF in SR.
-const UIE: u32 = 1 << 0;
-const UDE: u32 = 1 << 8;
 
 /// MMS in CR2: the update event is the trigger output.
 const TRIGGER_UPDATE: u32 = 2;
@@ -53,7 +52,8 @@ pub struct Tim6 {
     standing: u32,
     /// Core cycles per timer clock.
     divider: u64,
-    dma_request: bool,
+    /// An update requests DMA.
+    pub dma_request: bool,
     /// The trigger output has a pulse that the program caused by software.
     software_trigger: bool,
 }
@@ -125,24 +125,9 @@ impl Tim6 {
         std::mem::take(&mut self.software_trigger)
     }
 
-    /// Whether an update requests DMA.
-    pub fn dma_request(&self) -> bool {
-        self.dma_request
-    }
-
-    /// Clears the DMA request after the transfer.
-    pub fn dma_acknowledge(&mut self) {
-        self.dma_request = false;
-    }
-
     /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
         self.sr & self.dier & UIE != 0
-    }
-
-    /// Whether each update may raise the interrupt request.
-    pub fn interrupts_each(&self) -> bool {
-        self.dier & UIE != 0
     }
 
     fn set_counter(&mut self, value: u32, now: Cycles) {
@@ -150,7 +135,7 @@ impl Tim6 {
         self.zero = now.saturating_sub(u64::from(value) * self.step());
     }
 
-    fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
+    fn write_control(&mut self, value: u32, now: Cycles) -> Modelled {
         refuse_if(value & (OPM | DITHEN) != 0, "TIM6_CR1: one-pulse mode and dithering are not modelled")?;
         let counter = self.counter(now);
         self.cr1 = value & CR1_ALL;
@@ -160,35 +145,34 @@ impl Tim6 {
 }
 
 impl Registers for Tim6 {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
-        let word = match offset & !3 {
-            0x00 => self.cr1,
-            0x04 => self.cr2,
-            0x0C => self.dier,
-            0x10 => self.sr,
-            0x14 => 0,
-            0x24 if self.cr1 & UIFREMAP != 0 => self.counter(now) | (self.sr & 1) << 31,
-            0x24 => self.counter(now),
-            0x28 => self.psc,
-            0x2C => self.arr,
+    fn word(&mut self, register: u32, now: Cycles) -> Modelled<u32> {
+        Ok(match register {
+            CR1 => self.cr1,
+            CR2 => self.cr2,
+            DIER => self.dier,
+            SR => self.sr,
+            EGR => 0,
+            CNT if self.cr1 & UIFREMAP != 0 => self.counter(now) | (self.sr & 1) << 31,
+            CNT => self.counter(now),
+            PSC => self.psc,
+            ARR => self.arr,
             _ => return Err(Unknown::REGISTER),
-        };
-        Ok(width.part(word, offset))
+        })
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         refuse_if(width == Width::Byte || offset & 3 != 0, "TIM6 accepts only word and aligned half-word accesses")?;
         match offset {
-            0x00 => self.write_control(value, now)?,
-            0x04 => self.cr2 = value & 0x70,
-            0x0C => {
+            CR1 => self.write_control(value, now)?,
+            CR2 => self.cr2 = value & 0x70,
+            DIER => {
                 self.dier = value & (UIE | UDE);
                 self.dma_request &= self.dier & UDE != 0;
             }
             // Writing 0 clears a flag.
-            0x10 => self.sr &= value,
-            0x14 if value & 1 == 0 => {}
-            0x14 => {
+            SR => self.sr &= value,
+            EGR if value & 1 == 0 => {}
+            EGR => {
                 // A software update. URS suppresses the flag and the DMA request, but not the trigger output.
                 if self.cr1 & UDIS == 0 {
                     if self.cr1 & URS == 0 {
@@ -200,9 +184,9 @@ impl Registers for Tim6 {
                 }
                 self.set_counter(0, now);
             }
-            0x24 => self.set_counter(value & 0xFFFF, now),
-            0x28 => self.psc = value & 0xFFFF,
-            0x2C => {
+            CNT => self.set_counter(value & 0xFFFF, now),
+            PSC => self.psc = value & 0xFFFF,
+            ARR => {
                 self.arr = value & 0xFFFF;
                 if self.cr1 & ARPE == 0 {
                     let counter = self.counter(now);
@@ -221,7 +205,7 @@ impl Registers for Tim6 {
 
     /// The next update, if it may raise the interrupt request.
     fn next_event(&self) -> Option<Cycles> {
-        self.next_update().filter(|_| self.interrupts_each())
+        self.next_update().filter(|_| self.dier & UIE != 0)
     }
 
     fn reset(&mut self, _: Cycles) {
@@ -256,8 +240,8 @@ mod tests {
         for n in 1..5 {
             assert_eq!(timer.next_update(), Some(100 + 2625 * n));
             assert_eq!(timer.update(), Outcome { trigger: true });
-            assert!(timer.dma_request() && !timer.irq());
-            timer.dma_acknowledge();
+            assert!(timer.dma_request && !timer.irq());
+            timer.dma_request = false;
         }
         assert_eq!(timer.read(0x24, Width::Word, 100 + 2625 * 4 + 7), Ok(7));
         assert_eq!(timer.read(0x10, Width::Word, 0), Ok(1));
@@ -298,11 +282,11 @@ mod tests {
         write(&mut timer, 0x00, CEN | URS, 100);
         write(&mut timer, 0x14, 1, 150);
         assert!(timer.take_trigger() && !timer.take_trigger());
-        assert!(!timer.dma_request());
+        assert!(!timer.dma_request);
         assert_eq!((timer.sr, timer.next_update()), (0, Some(150 + 2625)));
         write(&mut timer, 0x00, CEN, 150);
         write(&mut timer, 0x14, 1, 160);
-        assert!(timer.dma_request() && timer.sr == 1);
+        assert!(timer.dma_request && timer.sr == 1);
     }
 
     #[test]
@@ -311,7 +295,7 @@ mod tests {
         write(&mut timer, 0x0C, UDE | UIE, 100);
         write(&mut timer, 0x00, CEN | UDIS, 100);
         assert_eq!(timer.update(), Outcome::default());
-        assert!(!timer.dma_request() && !timer.irq());
+        assert!(!timer.dma_request && !timer.irq());
         assert_eq!(timer.next_update(), Some(100 + 2 * 2625));
         write(&mut timer, 0x00, CEN, 100 + 2625);
         timer.update();

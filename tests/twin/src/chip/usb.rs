@@ -16,7 +16,7 @@
 
 use super::clocks::Clocks;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
 /// Offset of the packet memory from the registers: 0x4000_6000 from 0x4000_5C00 (RM0440 table 3).
 pub const MEMORY_OFFSET: u32 = 0x400;
@@ -25,25 +25,27 @@ pub const MEMORY_BYTES: usize = 1024;
 /// Number of endpoint registers.
 const ENDPOINTS: usize = 8;
 
-/// Offsets of registers; the endpoint registers are at 0x00 to 0x1F.
-const CNTR: u32 = 0x40;
-const ISTR: u32 = 0x44;
-const FNR: u32 = 0x48;
-const DADDR: u32 = 0x4C;
-const BTABLE: u32 = 0x50;
-const LPMCSR: u32 = 0x54;
-const BCDR: u32 = 0x58;
-
-/// `USB_EPnR` (RM0440 45.6.1): a packet was received, or sent (CTR), the toggle of the next (DTOG), and the response to
-/// it (STAT).
-const CTR_RX: u16 = 1 << 15;
-const DTOG_RX: u16 = 1 << 14;
+// Registers (RM0440 45.6.1).
+registers! { u16:
+    // The first of the endpoint registers, which end at 0x1F: a packet was received, or sent (CTR), the toggle of the
+    // next (DTOG), and below the response to it (STAT).
+    EPR 0x00 { DTOG_TX 6, CTR_TX 7, EP_KIND 8, SETUP 11, DTOG_RX 14, CTR_RX 15 },
+    // The bits from 7 up enable the interrupt of the same bit in `USB_ISTR`. The first four force a reset, switch the
+    // transceiver off, select low power, and force suspend.
+    CNTR 0x40 { FRES 0, PDWN 1, LPMODE 2, FSUSP 3, RESUME 4, L1RESUME 5, CNTR_RESERVED 6 },
+    // The transfer is OUT; a frame is missing; a frame began. CTR: a packet was received or sent.
+    ISTR 0x44 { DIR 4, ESOF 8, SOF 9, RESET 10, SUSP 11, WKUP 12, CTR 15 },
+    // Level of D+, frame timer locked; below them frames missing, frame number.
+    FNR 0x48 { LCK 13, RXDP 15 },
+    // The device responds to packets.
+    DADDR 0x4C { EF 7 },
+    BTABLE 0x50,
+    LPMCSR 0x54,
+    // The D+ pull-up, by which the host detects a full-speed device.
+    BCDR 0x58 { DPPU 15 },
+}
 const STAT_RX: u16 = 3 << 12;
-const SETUP: u16 = 1 << 11;
 const EP_TYPE: u16 = 3 << 9;
-const EP_KIND: u16 = 1 << 8;
-const CTR_TX: u16 = 1 << 7;
-const DTOG_TX: u16 = 1 << 6;
 const STAT_TX: u16 = 3 << 4;
 /// The endpoint number on the bus.
 const EA: u16 = 0xF;
@@ -64,41 +66,16 @@ const STALL: u16 = 1;
 const NAK: u16 = 2;
 const VALID: u16 = 3;
 
-/// Bits of `USB_CNTR`; those from 7 up enable the interrupt of the same bit in `USB_ISTR` (RM0440 45.6.1). The first
-/// four force a reset, switch the transceiver off, select low power, and force suspend.
-const FRES: u16 = 1 << 0;
-const PDWN: u16 = 1 << 1;
-const LPMODE: u16 = 1 << 2;
-const FSUSP: u16 = 1 << 3;
-const RESUME: u16 = 1 << 4;
-const L1RESUME: u16 = 1 << 5;
-const CNTR_RESERVED: u16 = 1 << 6;
-
-/// Bits of `USB_ISTR` (RM0440 45.6.1): the transfer is OUT; a frame is missing; a frame began.
-const DIR: u16 = 1 << 4;
-const ESOF: u16 = 1 << 8;
-const SOF: u16 = 1 << 9;
-const RESET: u16 = 1 << 10;
-const SUSP: u16 = 1 << 11;
-const WKUP: u16 = 1 << 12;
-/// A packet was received or sent.
-const CTR: u16 = 1 << 15;
-/// Bits that the firmware clears by writing 0.
+/// Bits of `USB_ISTR` that the firmware clears by writing 0.
 const ISTR_CLEARABLE: u16 = 0x7F80;
 /// Bits that can raise the interrupt.
 const ISTR_ALL: u16 = 0xFF80;
 
-/// Bits of `USB_FNR` (RM0440 45.6.1): level of D+, frame timer locked, frames missing, frame number.
-const RXDP: u16 = 1 << 15;
-const LCK: u16 = 1 << 13;
+/// Fields of `USB_FNR`: frames missing, frame number.
 const LSOF_SHIFT: u32 = 11;
 const LSOF_MOST: u16 = 3;
 const FN: u16 = 0x7FF;
 
-/// `USB_DADDR.EF`: the device responds to packets (RM0440 45.6.1).
-const EF: u16 = 1 << 7;
-/// `USB_BCDR.DPPU`: the D+ pull-up, by which the host detects a full-speed device (RM0440 45.6.1).
-const DPPU: u16 = 1 << 15;
 /// `USB_BCDR`: charger detection.
 const CHARGER: u16 = 0xF;
 /// Number of missing SOF packets after which the bus is suspended (RM0440 45.6.1, ESOF).
@@ -205,14 +182,9 @@ impl Default for Usb {
 }
 
 impl Usb {
-    /// Level of the interrupt request `USB_LP` (20).
+    /// Level of the interrupt request `USB_LP` (20). Only isochronous and double-buffered endpoints use `USB_HP` (19).
     pub fn irq_low(&self) -> bool {
         self.status() & self.control & ISTR_ALL != 0
-    }
-
-    /// Level of the interrupt request `USB_HP` (19), which only isochronous and double-buffered endpoints use.
-    pub fn irq_high(&self) -> bool {
-        false
     }
 
     /// Level of the wake-up request, EXTI line 18 (RM0440 table 97).
@@ -499,9 +471,9 @@ impl Usb {
         }
     }
 
-    fn read_register(&self, offset: u32) -> Result<u16, Unknown> {
+    fn read_register(&self, offset: u32) -> Modelled<u16> {
         Ok(match offset {
-            0x00..=0x1F => self.endpoints[(offset / 4) as usize],
+            EPR..=0x1F => self.endpoints[(offset / 4) as usize],
             CNTR => self.control,
             ISTR => self.status(),
             FNR => self.frame_register(),
@@ -513,9 +485,9 @@ impl Usb {
         })
     }
 
-    fn write_register(&mut self, offset: u32, value: u16) -> Result<(), Unknown> {
+    fn write_register(&mut self, offset: u32, value: u16) -> Modelled {
         match offset {
-            0x00..=0x1F => return self.write_endpoint((offset / 4) as usize, value),
+            EPR..=0x1F => return self.write_endpoint((offset / 4) as usize, value),
             CNTR => return self.write_control(value),
             ISTR => self.interrupts &= value | !ISTR_CLEARABLE,
             DADDR => self.address = value & 0xFF,
@@ -534,7 +506,7 @@ impl Usb {
         Ok(())
     }
 
-    fn write_endpoint(&mut self, index: usize, value: u16) -> Result<(), Unknown> {
+    fn write_endpoint(&mut self, index: usize, value: u16) -> Modelled {
         let of_type = value & EP_TYPE;
         refuse_if(of_type == ISOCHRONOUS, "USB_EPnR: isochronous endpoints are not modelled")?;
         refuse_if(of_type == BULK && value & EP_KIND != 0, "USB_EPnR: double-buffered endpoints are not modelled")?;
@@ -543,7 +515,7 @@ impl Usb {
         Ok(())
     }
 
-    fn write_control(&mut self, value: u16) -> Result<(), Unknown> {
+    fn write_control(&mut self, value: u16) -> Modelled {
         refuse_if(value & (RESUME | L1RESUME) != 0, "USB_CNTR: remote wake-up is not modelled")?;
         let low = self.lines_low();
         let woken = self.sleeps() && value & FSUSP == 0;
@@ -571,7 +543,7 @@ fn send_status(register: u16) -> u16 {
 }
 
 impl Registers for Usb {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         self.advance(now);
         if let Some(place) = offset.checked_sub(MEMORY_OFFSET) {
             let place = place as usize;
@@ -585,7 +557,7 @@ impl Registers for Usb {
         self.read_register(offset & !3).map(|word| width.part(word.into(), offset))
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         self.advance(now);
         if let Some(place) = offset.checked_sub(MEMORY_OFFSET) {
             let place = place as usize;

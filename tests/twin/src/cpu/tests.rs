@@ -203,12 +203,12 @@ fn faults_end_the_run_where_they_happen() {
 fn a_fault_can_be_taken_and_one_inside_its_handler_locks_the_core_up() {
     for (program, stacked) in [(UNDEFINED, CODE + 6), (BAD_READ, CODE + 6)] {
         let mut cpu = core(program, &[(3, WAIT_FOREVER)]);
-        cpu.set_faults(Faults::Taken);
+        cpu.faults = Faults::Taken;
         assert_eq!(cpu.run(1000), Ok(None));
         assert_eq!(cpu.core().taken[3], 1);
         assert_eq!(word(&cpu, STACK - 8), stacked, "return address in the frame");
         let mut cpu = core(program, &[(3, UNDEFINED)]);
-        cpu.set_faults(Faults::Taken);
+        cpu.faults = Faults::Taken;
         assert_eq!(cpu.run(1000), Err(Stop::LockUp));
     }
 }

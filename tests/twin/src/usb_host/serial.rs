@@ -4,7 +4,7 @@
 //! and none while it is closed. Data that the device sends after a close therefore waits in its endpoint for the next
 //! open.
 
-use super::{Setup, Socket, Transfer, UsbError, UsbHost};
+use super::{Carried, Setup, Socket, Transfer, UsbError, UsbHost};
 use std::collections::VecDeque;
 
 /// SET_LINE_CODING (CDC PSTN 1.2 6.3.10).
@@ -29,8 +29,8 @@ pub struct SerialPort {
 
 impl SerialPort {
     /// Opens the port of an enumerated device: 115200 baud 8N1, DTR and RTS set.
-    pub fn open(host: &mut UsbHost, socket: &mut impl Socket) -> Result<Self, UsbError> {
-        let (to_device, to_host) = host.description().ok_or(UsbError::Detached)?.serial_endpoints()?;
+    pub fn open(host: &mut UsbHost, socket: &mut impl Socket) -> Carried<Self> {
+        let (to_device, to_host) = host.description.as_ref().ok_or(UsbError::Detached)?.serial_endpoints()?;
         let reads = (0..READS).map(|_| host.submit(Transfer::In(to_host, READ_BYTES))).collect();
         let port = Self { to_device, to_host, reads, received: Vec::new() };
         set_line_coding(host, socket, 115_200)?;
@@ -39,7 +39,7 @@ impl SerialPort {
     }
 
     /// Clears DTR and RTS and cancels the reads, in Linux's order.
-    pub fn close(self, host: &mut UsbHost, socket: &mut impl Socket) -> Result<(), UsbError> {
+    pub fn close(self, host: &mut UsbHost, socket: &mut impl Socket) -> Carried {
         let result = set_control_lines(host, socket, false, false);
         for number in self.reads {
             host.cancel(number);
@@ -55,7 +55,7 @@ impl SerialPort {
     }
 
     /// All bytes that arrive within a time.
-    pub fn receive(&mut self, host: &mut UsbHost, socket: &mut impl Socket, for_s: f64) -> Result<Vec<u8>, UsbError> {
+    pub fn receive(&mut self, host: &mut UsbHost, socket: &mut impl Socket, for_s: f64) -> Carried<Vec<u8>> {
         let end_s = socket.time_s() + for_s;
         self.collect(host)?;
         while socket.time_s() < end_s {
@@ -73,7 +73,7 @@ impl SerialPort {
         socket: &mut impl Socket,
         bytes: &[u8],
         within_s: f64,
-    ) -> (usize, Result<(), UsbError>) {
+    ) -> (usize, Carried) {
         let number = host.submit(Transfer::Out(self.to_device, bytes.to_vec(), false));
         let end_s = socket.time_s() + within_s;
         loop {
@@ -88,7 +88,7 @@ impl SerialPort {
     }
 
     /// Collects the data of finished reads and queues new ones.
-    fn collect(&mut self, host: &mut UsbHost) -> Result<(), UsbError> {
+    fn collect(&mut self, host: &mut UsbHost) -> Carried {
         while let Some(done) = self.reads.front().and_then(|first| host.take_done(*first)) {
             self.reads.pop_front();
             self.received.extend(done.result?);
@@ -99,14 +99,14 @@ impl SerialPort {
 }
 
 /// SET_LINE_CODING with 8 data bits, no parity, one stop bit.
-pub fn set_line_coding(host: &mut UsbHost, socket: &mut impl Socket, baud: u32) -> Result<(), UsbError> {
+pub fn set_line_coding(host: &mut UsbHost, socket: &mut impl Socket, baud: u32) -> Carried {
     let [b0, b1, b2, b3] = baud.to_le_bytes();
     let setup = Setup { kind: 0x21, request: SET_LINE_CODING, value: 0, index: 0, length: 7 };
     host.control(socket, setup, &[b0, b1, b2, b3, 0, 0, 8]).map(|_| ())
 }
 
 /// GET_LINE_CODING; returns the data from the device.
-pub fn line_coding(host: &mut UsbHost, socket: &mut impl Socket) -> Result<Vec<u8>, UsbError> {
+pub fn line_coding(host: &mut UsbHost, socket: &mut impl Socket) -> Carried<Vec<u8>> {
     let setup = Setup { kind: 0xA1, request: GET_LINE_CODING, value: 0, index: 0, length: 7 };
     host.control(socket, setup, &[])
 }
@@ -117,7 +117,7 @@ pub fn set_control_lines(
     socket: &mut impl Socket,
     terminal_ready: bool,
     request_to_send: bool,
-) -> Result<(), UsbError> {
+) -> Carried {
     let value = u16::from(terminal_ready) | u16::from(request_to_send) << 1;
     host.order(socket, 0x21, SET_CONTROL_LINE_STATE, value, 0)
 }

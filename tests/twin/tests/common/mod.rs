@@ -43,7 +43,7 @@ pub fn rig() -> Rig {
 /// A board that has saved these settings and whose boot loader leaves in this way.
 pub fn configured(image: &[u8], left: Left, world: impl World + 'static, settings: &Settings) -> UsbLink<Machine> {
     let mut machine = Machine::new(image, world).expect("the image");
-    machine.serve_rom(left);
+    machine.serves = Some(left);
     run(&mut machine, 0.5);
     let mut link = UsbLink::new(machine);
     link.set_up(settings).expect("takes its settings");
@@ -81,12 +81,12 @@ pub fn enters_update_mode(machine: &mut Machine, within_s: f64) {
 
 /// The causes of all starts so far.
 pub fn causes(machine: &Machine) -> Vec<Reset> {
-    machine.resets().iter().map(|&(_, cause)| cause).collect()
+    machine.resets.iter().map(|&(_, cause)| cause).collect()
 }
 
 /// The cause of the last start.
 pub fn last_reset(machine: &Machine) -> Reset {
-    machine.resets().last().expect("power-on").1
+    machine.resets.last().expect("power-on").1
 }
 
 /// The serial number that the ROM boot loader derives from the chip's unique ID.
