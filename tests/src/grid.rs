@@ -402,7 +402,7 @@ pub fn cells(device: &Inerter, runs: &[Run]) -> [Cell; 3] {
         let mut times: Vec<f64> = runs.iter().map(|run| settling(run, i, truth[i], limits[i])).collect();
         times.sort_by(f64::total_cmp);
         let coverage = |published: fn(&Run) -> &[(f64, Estimate)], parameters: fn(&Estimate) -> &Parameters| {
-            let all = runs.iter().flat_map(|run| published(run));
+            let all = runs.iter().flat_map(published);
             let given = all.filter_map(|(_, estimate)| three(parameters(estimate))[i].ok());
             Column::of(given.map(|found| error(found, truth[i]))).coverage()
         };

@@ -128,7 +128,8 @@ pub fn run(_: &[&str]) -> Result<bool> {
         Ok(counts)
     };
     let all = each(NAMES.iter(), of_motion)?;
-    let readings: [(&str, fn(&Counts) -> u32); 9] = [
+    type Reading = (&'static str, fn(&Counts) -> u32);
+    let readings: [Reading; 9] = [
         ("first", |counts| counts.first),
         ("sized", |counts| counts.sized),
         ("corrected", |counts| counts.corrected),

@@ -132,9 +132,10 @@ impl Tally {
     /// How many are within the limit, and the ratio that is farthest from 1.
     fn text(&self) -> String {
         let within = self.0.iter().filter(|ratio| Self::is_within(**ratio)).count();
-        let farthest = self.0.iter().fold(1.0_f64, |farthest, ratio| {
-            if ratio.ln().abs() > farthest.ln().abs() { *ratio } else { farthest }
-        });
+        let farthest = self
+            .0
+            .iter()
+            .fold(1.0_f64, |farthest, ratio| if ratio.ln().abs() > farthest.ln().abs() { *ratio } else { farthest });
         format!("{within} of {} (farthest {farthest:.2})", self.0.len())
     }
 }

@@ -253,11 +253,11 @@ table by more than {} %, either way, or where another flag shows.
     );
     let mut wrong = Vec::new();
     for row in rows {
-        for i in 0..NAMES.len() {
+        for (i, name) in NAMES.iter().enumerate() {
             text += &line(row.cells(i));
             if row.is_wrong(i) && row.flags(i) == "-" {
                 let [bias, u95] = [row.last[i].bias, row.last[i].u95].map(significant);
-                wrong.push(format!("{}, {}, {}: {bias} with an interval of {u95}", row.case, row.motion, NAMES[i]));
+                wrong.push(format!("{}, {}, {}: {bias} with an interval of {u95}", row.case, row.motion, name));
             }
         }
     }

@@ -295,8 +295,7 @@ mod tests {
 
     /// 1 Mbit/s at 16 MHz: a byte takes 160 cycles.
     fn running(cr1: u32) -> Lpuart {
-        let mut uart = Lpuart::default();
-        uart.far_baud = 1e6;
+        let mut uart = Lpuart { far_baud: 1e6, ..Lpuart::default() };
         write(&mut uart, BRR, 4096, 0);
         write(&mut uart, CR1, UE | RE | TE | cr1, 0);
         uart

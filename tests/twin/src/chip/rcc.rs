@@ -376,10 +376,7 @@ impl Registers for Rcc {
         let old = self.storage.load(register)?;
         let word = width.replace(old, offset, value);
         match register {
-            CR if word & PLLON != 0
-                && self.storage[PLLCFGR] & 3 == 3
-                && self.hse_ready.is_none_or(|at| at > now) =>
-            {
+            CR if word & PLLON != 0 && self.storage[PLLCFGR] & 3 == 3 && self.hse_ready.is_none_or(|at| at > now) => {
                 return refuse("PLL enabled before its source is ready");
             }
             BDCR if self.errata.lsi_with_rtc && word & RTC_ON_LSI == RTC_ON_LSI => {
