@@ -45,8 +45,7 @@ pub trait SampleSource {
     /// Called before the first read and after each change, while the source is halted and the queue is empty: the next
     /// sample read is the first one under these settings. After an error the source keeps its previous settings or has
     /// none; it is configured again before it is read.
-    async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
-        let _ = settings;
+    async fn configure(&mut self, _settings: &Settings) -> Result<(), SourceError> {
         Ok(())
     }
 
@@ -302,6 +301,13 @@ mod tests {
         let mut one = One::default();
         assert_eq!(block_on(all(&mut one)), (Pace::OnDemand, 7));
         assert_eq!((one.rate_hz, one.is_halted), (Some(500.0), true));
+    }
+
+    #[test]
+    fn a_board_that_cannot_save_loads_nothing_and_says_that_it_saves_nothing() {
+        assert_eq!(block_on(NoStore.load()), Ok(None));
+        assert_eq!(block_on(NoStore.save(&SettingsValues::default())), Err(StoreError::Unreadable));
+        assert_eq!(block_on(NoStore.erase()), Err(StoreError::Unreadable));
     }
 
     #[test]

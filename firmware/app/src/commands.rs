@@ -386,3 +386,55 @@ impl<K: Store> Commands<'_, K> {
         Ok(Done::Injected { accepted, free })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Commands, INJECT_LIMIT};
+    use crate::app::App;
+    use crate::board::{Identity, NoStore, Start, accept_all, play_nothing};
+    use crate::queue::QUEUE;
+    use crate::settings::InUse;
+    use core::pin::pin;
+    use core::task::Poll;
+    use embassy_futures::{block_on, poll_once};
+    use embassy_time::MockDriver;
+    use inerter_core::{RawSample, Settings};
+    use inerter_wire::{Capabilities, ClockSource, Done, Refusal, Samples, Source};
+
+    const IDENTITY: Identity<'static> = Identity {
+        firmware: "inerter",
+        git: "",
+        board: "bench",
+        serial: "",
+        clock: ClockSource::Simulated,
+        capabilities: Capabilities::INJECT,
+        accepts: accept_all,
+        play: play_nothing,
+        start: Start::POWER_ON,
+    };
+
+    /// Without an estimator, which would make room before the time is up.
+    #[test]
+    fn a_batch_that_finds_no_room_in_time_is_refused_whole() {
+        let app = &App::new();
+        app.queue.change_source(Source::Link);
+        let mut in_use = InUse { settings: Settings::default(), defaults: Settings::default(), fault: None };
+        let mut commands =
+            Commands { app, store: NoStore, identity: &IDENTITY, in_use: &mut in_use, accepted: 0, injected: true };
+        let batch = Samples::from_slice(&[RawSample::default(); 32]).0;
+        let half = Samples::from_slice(&[RawSample::default(); 16]).0;
+        for _ in 1..QUEUE / 32 {
+            assert!(block_on(commands.inject(&batch)).is_ok());
+        }
+        assert_eq!(block_on(commands.inject(&half)), Ok(Done::Injected { accepted: 240, free: 16 }));
+        {
+            let mut waiting = pin!(commands.inject(&batch));
+            assert!(poll_once(waiting.as_mut()).is_pending());
+            MockDriver::get().advance(INJECT_LIMIT);
+            let full = Refusal::QueueFull { accepted: 240, free: 16 };
+            assert_eq!(poll_once(waiting), Poll::Ready(Err(full)));
+        }
+        assert_eq!(app.queue.take_now(&mut [RawSample::default(); 16]), 16);
+        assert_eq!(block_on(commands.inject(&batch)), Ok(Done::Injected { accepted: 272, free: 0 }));
+    }
+}

@@ -295,7 +295,7 @@ impl<A: Write, B: Write> Write for LinkTransmitter<'_, A, B> {
             match self.send(in_use, part).await {
                 // A new session: the frame begins there, or cannot be completed.
                 None => {}
-                Some(Ok(count @ 1..)) if !self.begun => self.begun = count > 0,
+                Some(Ok(1..)) if !self.begun => self.begun = true,
                 Some(Ok(count)) => {
                     self.within = bytes.get(..count).and_then(<[u8]>::last).is_some_and(|last| *last != DELIMITER);
                     return Ok(count);

@@ -237,7 +237,7 @@ mod tests {
     use super::{NotInUse, SampleQueue, Taken};
     use core::future::Future;
     use core::sync::atomic::{AtomicBool, Ordering};
-    use core::task::{Context, Waker};
+    use core::task::{Context, Poll, Waker};
     use embassy_futures::block_on;
     use embassy_futures::poll_once;
     use inerter_core::RawSample;
@@ -336,5 +336,21 @@ mod tests {
         assert_eq!(queue.take_now(&mut [RawSample::default(); 3]), 3);
         assert!(bell.0.load(Ordering::Relaxed));
         assert!(giving.as_mut().poll(&mut Context::from_waker(&waker)).is_ready());
+    }
+
+    #[test]
+    fn giving_wakes_a_taker_that_waits_for_samples_and_nothing_else_does() {
+        let queue = SampleQueue::<4>::new();
+        queue.change_source(Source::Sampler);
+        let bell = Arc::new(Bell::default());
+        let waker = Waker::from(bell.clone());
+        let mut into = [RawSample::default(); 4];
+        let mut taking = core::pin::pin!(queue.take(&mut into));
+        assert!(taking.as_mut().poll(&mut Context::from_waker(&waker)).is_pending());
+        assert_eq!(queue.give_now(Source::Sampler, &[]), Ok(0));
+        assert!(!bell.0.load(Ordering::Relaxed), "there is nothing to take");
+        assert_eq!(queue.give_now(Source::Sampler, &samples(0..3)), Ok(0));
+        assert!(bell.0.load(Ordering::Relaxed));
+        assert_eq!(taking.as_mut().poll(&mut Context::from_waker(&waker)), Poll::Ready(Taken::Samples(3)));
     }
 }

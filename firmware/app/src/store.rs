@@ -48,8 +48,10 @@ const CHECKSUM: usize = 4;
 
 /// Largest word that `sequential-storage` supports (bytes).
 const GREATEST_WORD: usize = 32;
-/// Longest entry of this version, in whole words. The number of settings is one byte, each a number and an f64.
-const BUFFER: usize = (HEAD + 1 + MAX_SETTINGS * (1 + 8) + CHECKSUM).next_multiple_of(GREATEST_WORD);
+/// Longest entry of this version. The number of settings is one byte, each a number and an f64.
+const LONGEST: usize = HEAD + 1 + MAX_SETTINGS * (1 + 8) + CHECKSUM;
+/// Room for it, in whole words.
+const BUFFER: usize = LONGEST.next_multiple_of(GREATEST_WORD);
 const _: () = assert!(MAX_SETTINGS < 0x80, "the number of settings is one byte in postcard");
 
 /// Pages that a ring needs: one in use, one blank ahead of it, one between, so that the newest entry is never in a page
@@ -228,11 +230,12 @@ impl<F: NorFlash> FlashStore<F> {
 
     /// The intact entry at `address`, if it is newer than `than`. If it fits, it is then in the buffer.
     async fn entry(&mut self, address: u32, than: Option<Found>) -> Option<Found> {
-        let page = F::ERASE_SIZE - (address - self.range.start) as usize % F::ERASE_SIZE;
-        let head = self.buffer.get_mut(..HEAD.next_multiple_of(Self::WORD).min(page))?;
+        // Pages begin at multiples of their size, as the range does.
+        let left = F::ERASE_SIZE - address as usize % F::ERASE_SIZE;
+        let head = self.buffer.get_mut(..HEAD.next_multiple_of(Self::WORD).min(left))?;
         self.flash.read(address, head).await.ok()?;
         let (total, version, generation) = parse_head(head)?;
-        if total > page || than.is_some_and(|than| than.generation >= generation) {
+        if total > left || than.is_some_and(|than| than.generation >= generation) {
             return None;
         }
         let mut digest = Crc32::new();
@@ -393,5 +396,19 @@ impl<F: NorFlash> NorFlash for Guarded<'_, F> {
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         self.flash.write(offset, bytes).await.map_err(|error| error.kind())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{BUFFER, Entry, LONGEST};
+    use inerter_wire::{MAX_SETTINGS, SettingValue, SettingsValues};
+
+    #[test]
+    fn the_longest_entry_is_as_long_as_stated() {
+        let value = |number| SettingValue { number, value: f64::MAX };
+        let settings = SettingsValues((0..MAX_SETTINGS as u8).map(value).collect());
+        let entry = Entry { generation: u32::MAX, settings: Some(&settings) };
+        assert_eq!(entry.write(&mut [0; BUFFER]), Some(LONGEST));
     }
 }

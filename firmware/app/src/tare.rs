@@ -33,7 +33,7 @@ impl Tare {
 /// Mean of `count` numbers that add up to `sum`, rounded half away from zero.
 fn rounded_mean(sum: i64, count: u32) -> i32 {
     let count = i64::from(count.max(1));
-    let half = if sum < 0 { -(count / 2) } else { count / 2 };
+    let half = sum.signum() * (count / 2);
     ((sum + half) / count) as i32
 }
 

@@ -161,3 +161,61 @@ async fn write_all(link: &mut impl Write, bytes: &[u8]) -> Result<(), Failed> {
     }
     link.flush().await.map_err(|_| Failed)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::telemetry;
+    use crate::app::App;
+    use crate::messages::Outgoing;
+    use core::cell::RefCell;
+    use core::convert::Infallible;
+    use core::pin::pin;
+    use embassy_futures::{block_on, poll_once};
+    use embedded_io_async::{ErrorType, Read, Write};
+    use inerter_wire::{Event, EventKind, Frame, FrameReader, Record};
+    use std::rc::Rc;
+    use std::vec::Vec;
+
+    /// What a host receives.
+    #[derive(Clone, Default)]
+    struct Received(Rc<RefCell<Vec<u8>>>);
+
+    impl ErrorType for Received {
+        type Error = Infallible;
+    }
+
+    impl Write for Received {
+        async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+            self.0.borrow_mut().extend(bytes);
+            Ok(bytes.len())
+        }
+
+        async fn flush(&mut self) -> Result<(), Infallible> {
+            Ok(())
+        }
+    }
+
+    /// A host may close the port before it is greeted.
+    #[test]
+    fn a_stream_begins_with_sequence_0_though_a_start_was_discarded_before() {
+        let (app, received) = (App::new(), Received::default());
+        let usb = (&b"request"[..], received.clone());
+        let (mut receiver, transmitter) = app.link.join(usb, (&b""[..], Received::default()));
+        let started = || Event { index: 0, kind: EventKind::Started };
+        let mut sending = pin!(telemetry(&app, transmitter));
+        assert!(app.urgent.try_send(Outgoing::Event(started())).is_ok());
+        assert!(poll_once(sending.as_mut()).is_pending());
+
+        app.link.set_open(true);
+        let mut buffer = [0; 8];
+        // The delimiter that begins the session, then what the host sent.
+        assert_eq!(block_on(receiver.read(&mut buffer)), Ok(1));
+        assert_eq!(block_on(receiver.read(&mut buffer)), Ok(7));
+        assert!(app.link.note_request());
+        assert!(app.urgent.try_send(Outgoing::Event(started())).is_ok());
+        assert!(poll_once(sending.as_mut()).is_pending());
+        let bytes = received.0.borrow();
+        let first = FrameReader::<Record>::new().read(&mut bytes.as_slice());
+        assert_eq!(first, Some(Frame::Message { sequence: 0, message: Record::Event(started()) }));
+    }
+}

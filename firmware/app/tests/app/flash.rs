@@ -128,6 +128,9 @@ impl Flash {
     }
 }
 
+/// A flash that can be read in smaller parts than it is written, as most can.
+pub struct FinelyRead(pub Flash);
+
 impl Inner {
     /// The fate of the next operation: `None` if the power is off, otherwise whether and how it is interrupted.
     fn power(&mut self) -> Option<Option<Left>> {
@@ -242,5 +245,34 @@ impl NorFlash for Flash {
             inner.writes += 1;
         }
         Ok(())
+    }
+}
+
+impl ErrorType for FinelyRead {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for FinelyRead {
+    const READ_SIZE: usize = WORD / 2;
+
+    async fn read(&mut self, address: u32, into: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        self.0.read(address, into).await
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.capacity()
+    }
+}
+
+impl NorFlash for FinelyRead {
+    const WRITE_SIZE: usize = WORD;
+    const ERASE_SIZE: usize = PAGE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        self.0.erase(from, to).await
+    }
+
+    async fn write(&mut self, address: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        self.0.write(address, bytes).await
     }
 }

@@ -1,6 +1,6 @@
 //! The settings store on flash that loses its power, wears out, or has arbitrary content.
 
-use crate::flash::{Flash, Left, PAGE, PAGES, RANGE, WORD, WORDS, Word};
+use crate::flash::{FinelyRead, Flash, Left, PAGE, PAGES, RANGE, WORD, WORDS, Word};
 use embassy_futures::block_on;
 use inerter_app::{FlashStore, Store, StoreError};
 use inerter_core::Settings;
@@ -60,6 +60,9 @@ fn used(saves: u32) -> Flash {
 /// them kept blank.
 const ROUNDS: u32 = 6 * 4 + 3;
 
+/// Words of a ring that holds an empty entry and no settings: the entry, and what `sequential-storage` adds.
+const EMPTY_ENTRY: usize = 4;
+
 /// Writes bytes to the flash without the store, as another program would.
 fn plant(flash: &Flash, word: usize, bytes: &[u8]) {
     for (word, bytes) in (word..).zip(bytes.chunks(WORD)) {
@@ -104,6 +107,16 @@ fn a_borrowed_store_does_what_its_own_does() {
     let flash = used(1);
     assert_eq!(block_on(all(&mut store(&flash))), [Some(settings(2)), None]);
     assert_eq!(load(&flash), Ok(None));
+}
+
+/// The flash asserts that it is read in whole double words.
+#[test]
+fn flash_is_read_in_the_words_in_which_it_is_written() {
+    let flash = Flash::blank();
+    let mut store = FlashStore::new(FinelyRead(flash.clone()), RANGE);
+    block_on(store.save(&settings(1))).unwrap();
+    assert_eq!(block_on(store.load()), Ok(Some(settings(1))));
+    assert_eq!(load(&flash), Ok(Some(settings(1))));
 }
 
 #[test]
@@ -166,6 +179,11 @@ fn assert_keeps(flash: &Flash, number: u32, cut: &str) {
 /// The store accepts further sets and loads each of them.
 fn assert_usable(flash: &Flash, cut: &str) {
     (1_000..1_002).for_each(|number| assert_keeps(flash, number, cut));
+}
+
+/// Number of words that hold something.
+fn held(flash: &Flash) -> usize {
+    flash.inner().words.iter().filter(|word| word.bytes() != Some([0xFF; WORD])).count()
 }
 
 /// The store forgets everything.
@@ -261,9 +279,7 @@ fn a_factory_reset_forgets() {
         let operations = flash.operations();
         erase(&flash).unwrap();
         assert_eq!(flash.operations(), operations, "once is enough");
-        // No settings are left.
-        let written = flash.inner().words.iter().filter(|&&word| word != Word::Blank).count();
-        assert!(written <= 4, "{written} words");
+        assert!(held(&flash) <= EMPTY_ENTRY, "{} words", held(&flash));
         assert_usable(&flash, "");
         assert_forgets(&flash, "");
     }
@@ -279,6 +295,7 @@ fn power_failure_in_a_factory_reset_leaves_the_old_set_or_none() {
             assert!(loaded == old || loaded == Ok(None), "{saves}: {cut}: {loaded:?}");
             let again = flash.copy();
             assert_forgets(&again, cut);
+            assert!(held(&again) <= EMPTY_ENTRY, "{saves}: {cut}: {} words", held(&again));
             assert_usable(&again, cut);
             assert_usable(flash, cut);
         });
@@ -362,6 +379,15 @@ fn what_is_not_ours_is_foreign_and_kept_until_the_user_saves() {
     let flash = Flash::blank();
     plant(&flash, 1020, &entry(2, 1, &[0; 40]));
     assert_eq!(load(&flash), Err(StoreError::Foreign), "an entry that does not end in its page");
+}
+
+#[test]
+fn an_entry_may_fill_its_page_to_the_last_byte() {
+    let flash = Flash::blank();
+    let exact = entry(1, 1, &[0]);
+    assert_eq!(exact.len(), 2 * WORD);
+    plant(&flash, PAGE / WORD - 2, &exact);
+    assert_eq!(load(&flash), Ok(Some(SettingsValues::default())));
 }
 
 #[test]
