@@ -114,7 +114,7 @@ const LIBRARIES: &[&str] = &["inerter-core", "inerter-wire", "inerter-app", "ads
 const OTHER_BOARDS: &[&str] = &["board-weact", "board-nucleo,hang"];
 
 const STEPS: &[Step] = &[
-    // Without the lines about this Rust, and that everything is there.
+    // Not by its own command, which also prints the version of Rust, and that everything is there.
     needed(here(Always, 5, "set-up", "cargo xtask setup", || setup::ensure(setup::ALL, false))),
     needed(here(Always, 5, "lock files", "cargo metadata --locked", || {
         Part::each(|part| workspace::metadata(&part.folder()).map(drop))
