@@ -95,7 +95,7 @@ struct Own {
 struct Part {
     name: String,
     settings: Settings,
-    /// The sums of each bank.
+    /// The sums of the fast and of the slow bank.
     banks: [(Sums, MoreSums); 2],
     /// Bank of its estimate.
     bank: Bank,

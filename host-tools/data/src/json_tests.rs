@@ -79,6 +79,20 @@ fn digits_follow_the_interval() {
 }
 
 #[test]
+fn codes_are_those_of_the_contract() {
+    use inerter_core::{Bank, Contact, Regime, Route};
+    assert_eq!([Bank::Fast, Bank::Slow].map(|bank| code(&bank)), ["fast", "slow"]);
+    assert_eq!([Route::Force, Route::Terminal].map(|route| code(&route)), ["force", "terminal"]);
+    let laws = [LawStatus::Unknown, LawStatus::Holds, LawStatus::Broken].map(|status| code(&status));
+    assert_eq!(laws, ["unknown", "holds", "broken"]);
+    let contacts = [Contact::Unknown, Contact::OneSided, Contact::Closed, Contact::Backlash, Contact::Bouncing];
+    let contacts = contacts.map(|contact| code(&contact));
+    assert_eq!(contacts, ["unknown", "one_sided", "closed", "backlash", "bouncing"]);
+    let regimes = [Regime::Unknown, Regime::Coulomb, Regime::Presliding, Regime::Stribeck].map(|regime| code(&regime));
+    assert_eq!(regimes, ["unknown", "coulomb", "presliding", "stribeck"]);
+}
+
+#[test]
 fn events_have_a_code_for_programs_and_words_for_people() {
     use inerter_wire::{EventKind, Fault, Hello, ResetCause, Source};
     for (kind, code, words, trouble) in [

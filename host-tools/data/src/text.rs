@@ -194,7 +194,7 @@ pub fn is_trouble(kind: &EventKind) -> bool {
 
 /// The field of the parameter that changed.
 pub fn changed_field(machine: Machine, change: &Change) -> &'static Field {
-    // Both in the order of the law's parameters.
+    // `Changed` and the catalogue list the parameters in the same order.
     parameter(machine, change.parameter as usize)
 }
 

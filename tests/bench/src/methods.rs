@@ -10,7 +10,7 @@ use nalgebra::{SVector, Vector1};
 pub trait Method {
     /// Takes one update.
     fn update(&mut self, update: &Update);
-    /// Takes one after the other, without a virtual call for each.
+    /// Takes several updates, without a virtual call for each of them.
     fn updates(&mut self, updates: &[Update]) {
         updates.iter().for_each(|update| self.update(update));
     }

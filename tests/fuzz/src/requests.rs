@@ -32,7 +32,8 @@ const MOST: usize = 64;
 /// timeouts.
 const HANGS: Duration = Duration::from_secs(2);
 
-/// Whether more than that of a message was ever kept: a panic in the task of a connection would go unnoticed.
+/// Whether more than [`MOST`] bytes of a message were ever kept. The task of a connection sets it because a panic there
+/// would go unnoticed.
 static HAS_KEPT_MUCH: AtomicBool = AtomicBool::new(false);
 
 /// Checks an input.

@@ -104,7 +104,7 @@ pub fn make(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<(Scene, Vec
     let mut own = Draw::new(seed, 1000 + 8 * (stream & 0xffff_ffff) + motion as u64);
     if let Some(kind) = kind {
         (kind.make)(&mut scene, &mut own);
-        // A defect of the device; the others change the instruments or the settings.
+        // A defect of the device; the others change the trace, the instruments or the settings.
         if (scene.device, scene.body, scene.by_second) != (device, Body::default(), by_second) {
             scene.trace = traced(&scene)?;
         }

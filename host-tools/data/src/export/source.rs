@@ -26,7 +26,7 @@ pub type Samples = Box<dyn Iterator<Item = Result<RawSample, Error>> + Send>;
 /// A sample as it was received, and in SI units.
 pub type Row = (RawSample, Point);
 
-/// The same one after the other.
+/// Rows one after the other.
 pub type Rows = Box<dyn Iterator<Item = Result<Row, Error>> + Send>;
 
 /// Samples and what is known about them; those of a recording are never held in memory.
