@@ -158,5 +158,6 @@ mod tests {
         assert!(is_low(0.7, 8) && !is_low(0.9, 8) && is_low(0.85, 32) && !is_low(0.9, 32));
         assert!(cell(350, 0.55).is_wrong() && cell(400, 0.2).is_wrong() && cell(380, 0.8).is_wrong());
         assert!(Column::of(std::iter::empty()).is_wrong());
+        assert_eq!(Column::of([(f64::NAN, 1.0), (0.5, f64::NAN), (0.5, 1.0)].into_iter()).covered(), 1);
     }
 }

@@ -341,10 +341,10 @@ pub fn bias_and_sigma(errors: &[f64]) -> (f64, f64) {
     (bias, variance.sqrt())
 }
 
-/// Errors of one value over some runs, with the half widths of its intervals.
+/// Errors of one value, of some runs or of all that they published, with the half widths of its intervals.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Column {
-    /// Mean error; NaN if fewer than two runs gave a value.
+    /// Mean error; NaN if fewer than two values were given.
     pub bias: f64,
     /// Standard deviation of the error, with the same convention.
     pub sigma: f64,
@@ -352,9 +352,9 @@ pub struct Column {
     pub rms: f64,
     /// Mean half width of the interval.
     pub u95: f64,
-    /// Runs that gave a value.
+    /// Number of values.
     pub given: usize,
-    /// Runs that gave a value whose interval does not contain the true value.
+    /// Number of values whose interval does not contain the true value.
     pub wrong: usize,
 }
 
@@ -365,16 +365,18 @@ impl Column {
         let (bias, sigma) = bias_and_sigma(&errors);
         let each = || errors.iter().zip(&u95);
         let rms = rms(each().map(|(error, u95)| error / u95));
-        let wrong = each().filter(|(error, u95)| error.abs() > **u95).count();
-        Self { bias, sigma, rms, u95: mean(u95.iter().copied()), given: errors.len(), wrong }
+        // What is not a number is covered by no interval.
+        let covered = each().filter(|(error, u95)| error.abs() <= **u95).count();
+        let given = errors.len();
+        Self { bias, sigma, rms, u95: mean(u95.iter().copied()), given, wrong: given - covered }
     }
 
-    /// Runs whose interval contains the true value.
+    /// Number of values whose interval contains the true value.
     pub fn covered(&self) -> usize {
         self.given - self.wrong
     }
 
-    /// Their fraction of the runs that gave a value; `None` if none did.
+    /// Fraction of the values whose interval contains the true value; `None` if no value was given.
     pub fn coverage(&self) -> Option<f64> {
         (self.given > 0).then(|| self.covered() as f64 / self.given as f64)
     }
