@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_board_that_cannot_save_loads_nothing_and_says_that_it_saves_nothing() {
+    fn a_board_that_cannot_save_loads_nothing_and_refuses_to_save_and_erase() {
         assert_eq!(block_on(NoStore.load()), Ok(None));
         assert_eq!(block_on(NoStore.save(&SettingsValues::default())), Err(StoreError::Unreadable));
         assert_eq!(block_on(NoStore.erase()), Err(StoreError::Unreadable));

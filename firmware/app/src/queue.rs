@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn giving_wakes_a_taker_that_waits_for_samples_and_nothing_else_does() {
+    fn samples_wake_a_taker_that_waits_but_an_empty_batch_does_not() {
         let queue = SampleQueue::<4>::new();
         queue.change_source(Source::Sampler);
         let bell = Arc::new(Bell::default());
