@@ -576,7 +576,7 @@ impl Chip {
 
     /// Whether a peripheral requests the NMI.
     pub fn nmi(&self) -> bool {
-        self.flash.nmi() || self.rcc.failed
+        self.flash.nmi() || self.rcc.crystal_failed
     }
 
     /// Sets the external level at a pin.

@@ -243,7 +243,7 @@ impl Core {
     }
 
     fn reset_wanted(&self) -> Option<Reset> {
-        if self.nvic.reset { Some(Reset::Software) } else { self.chip.reset_wanted() }
+        if self.nvic.reset_wanted { Some(Reset::Software) } else { self.chip.reset_wanted() }
     }
 
     /// A write of this value to a bus, or a read, which gives 0 if no model handles it.
