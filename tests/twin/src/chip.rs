@@ -420,7 +420,7 @@ impl Chip {
         self.ram.bytes_mut().get_mut(start..start.checked_add(len)?)
     }
 
-    /// A write of this value by the core or by DMA, or a read.
+    /// Writes this value for the core or for DMA or, if there is none, reads. Returns the word read; 0 for a write.
     pub(crate) fn bus(
         &mut self,
         address: u32,
@@ -576,7 +576,7 @@ impl Chip {
 
     /// Whether a peripheral requests the NMI.
     pub fn nmi(&self) -> bool {
-        self.flash.nmi() || self.rcc.failed
+        self.flash.nmi() || self.rcc.crystal_failed
     }
 
     /// Sets the external level at a pin.

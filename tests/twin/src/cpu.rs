@@ -118,7 +118,7 @@ pub enum Stop {
     Emulator(String),
 }
 
-/// What a run or a step of the core gives, unless it ends the run.
+/// The result of a run or of a step of the core, or the reason why the run ends.
 pub type Ran<T = ()> = Result<T, Stop>;
 
 /// A basic block of the program: it executes from its first instruction to its last.
@@ -243,10 +243,11 @@ impl Core {
     }
 
     fn reset_wanted(&self) -> Option<Reset> {
-        if self.nvic.reset { Some(Reset::Software) } else { self.chip.reset_wanted() }
+        if self.nvic.reset_wanted { Some(Reset::Software) } else { self.chip.reset_wanted() }
     }
 
-    /// A write of this value to a bus, or a read, which gives 0 if no model handles it.
+    /// Writes this value to a bus or, if there is none, reads. Returns the word read; 0 for a write and for an access
+    /// that no model handles.
     fn access(&mut self, address: u32, bytes: usize, value: Option<u32>) -> u32 {
         let Some(width) = Width::of(bytes) else { return 0 };
         let outcome = if is_private(address) {

@@ -173,7 +173,7 @@ pub struct Machine {
     pub boot0: bool,
     /// How the boot loader leaves, if the machine simulates it: once entered, it waits for firmware on USB. If none,
     /// entering the boot loader ends the run.
-    pub serves: Option<Left>,
+    pub rom_leaves: Option<Left>,
     /// The boot loader, while it runs.
     rom: Option<BootRom>,
 }
@@ -200,7 +200,7 @@ impl Machine {
         cpu.set_flash_kb(options.flash_kb)?;
         cpu.core_mut().chip.flash.size_kb = options.flash_kb;
         let mut machine =
-            Self { cpu, elf, seed: options.seed, resets: Vec::new(), boot0: false, serves: None, rom: None };
+            Self { cpu, elf, seed: options.seed, resets: Vec::new(), boot0: false, rom_leaves: None, rom: None };
         machine.power_cut()?;
         Ok(machine)
     }
@@ -242,7 +242,7 @@ impl Machine {
             match self.cpu.run(slice) {
                 Ok(None) => {}
                 Ok(Some(cause)) => self.reset_by(cause).map_err(|stop| self.ended(stop))?,
-                Err(Stop::Bootloader) if self.serves.is_some() => self.rom = Some(BootRom::default()),
+                Err(Stop::Bootloader) if self.rom_leaves.is_some() => self.rom = Some(BootRom::default()),
                 Err(stop) => return Err(self.ended(stop)),
             }
         }
@@ -289,7 +289,7 @@ impl Machine {
         let now = self.now();
         let Some(mut rom) = self.rom.take() else { return Ok(()) };
         rom.look(self.chip_mut(), now);
-        match self.serves.filter(|_| rom.left) {
+        match self.rom_leaves.filter(|_| rom.left) {
             Some(left) => {
                 self.cpu.forget_code()?;
                 self.leave_rom(left)

@@ -190,7 +190,7 @@ pub struct Nvic {
     /// What was pending at the last check; anything else that is pending is new.
     seen: u128,
     /// The program requested a reset.
-    pub reset: bool,
+    pub reset_wanted: bool,
 }
 
 impl Default for Nvic {
@@ -236,7 +236,7 @@ impl Default for Nvic {
             cycle_counter_lag: 0,
             event: false,
             seen: 0,
-            reset: false,
+            reset_wanted: false,
         }
     }
 }
@@ -554,7 +554,7 @@ impl Nvic {
                     return refuse("AIRCR written without VECTKEY");
                 }
                 self.group = value >> 8 & 7;
-                self.reset |= value & SYSRESETREQ != 0;
+                self.reset_wanted |= value & SYSRESETREQ != 0;
             }
             // Writing 1 clears a bit.
             CFSR | HFSR => self.storage[register] &= !value,
@@ -758,7 +758,7 @@ mod tests {
         let mut nvic = Nvic::default();
         assert!(nvic.write(0xe000_ed0c, 4, Width::Word, 0).is_err(), "without the key");
         write(&mut nvic, 0xd0c, VECTKEY << 16 | SYSRESETREQ);
-        assert!(nvic.reset);
+        assert!(nvic.reset_wanted);
         assert!(!nvic.fpu_is_on());
         write(&mut nvic, CPACR, 0xf << 20);
         assert!(nvic.fpu_is_on());

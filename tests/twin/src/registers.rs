@@ -62,7 +62,7 @@ impl Unknown {
     pub const WIDTH: Self = Self { what: "the register accepts only word accesses" };
 }
 
-/// What an access gives, unless the model does not handle it.
+/// The result of an access, or the reason why the model does not handle it.
 pub type Modelled<T = ()> = Result<T, Unknown>;
 
 /// The registers of a peripheral.

@@ -84,7 +84,7 @@ pub enum UsbError {
     Stopped(String),
 }
 
-/// What the bus gives, unless it fails.
+/// The result of an action on the bus, or the reason why it failed.
 pub type Carried<T = ()> = Result<T, UsbError>;
 
 /// A control request (USB 2.0 9.3).

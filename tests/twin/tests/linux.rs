@@ -710,7 +710,7 @@ fn a_chip_that_is_too_small_is_refused_whatever_the_rom_describes(linux: &mut Li
         let twin = Twin::serve(move || {
             let options = Options { flash_kb, ..Options::default() };
             let mut machine = Machine::with(&firmware, options, Still).expect("the binary");
-            machine.serves = Some(Left::Running);
+            machine.rom_leaves = Some(Left::Running);
             if one_bank {
                 let options = machine.chip().flash.options();
                 machine.chip_mut().flash.set_options(options & !DBANK);

@@ -414,7 +414,7 @@ fn rings_that_part_become_a_discontinuity_and_the_counter_stays_right() -> Outco
     let at_s = MOTION_S + 3.0;
     let plain = short(&image, mid_rig(), 6.0, left_alone)?;
     // The channel gets no bus access for five events.
-    let stall: Disturb = |dma, channel, now| dma.channels[channel].stalled = Some(now + 5 * 2625);
+    let stall: Disturb = |dma, channel, now| dma.channels[channel].stalled_until = Some(now + 5 * 2625);
     let fail: Disturb = |dma, channel, _| dma.channels[channel].fail();
     // Channel 0 loses positions; channel 1 misses a force conversion; channel 2 misses a terminal conversion, and
     // without its ring no interrupt comes. A failed transfer stops its ring at once.
@@ -577,7 +577,7 @@ fn a_converter_that_forgets_is_set_up_again() -> Outcome {
 fn a_bus_whose_transfers_do_not_end_is_told() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     // Longer than the watchdog timeout.
-    let stall: Disturb = |dma, channel, now| dma.channels[channel].stalled = Some(now + 168_000_000 * 60);
+    let stall: Disturb = |dma, channel, now| dma.channels[channel].stalled_until = Some(now + 168_000_000 * 60);
     // Channels of DMA1 that transmit to the converter and receive from it.
     for (channel, disturb) in [(3, stall), (4, stall), (3, BROKEN), (4, BROKEN)] {
         let run = short_digital(&image, mid_rig(), once(channel, disturb))?;

@@ -70,7 +70,7 @@ pub struct Dac {
     output: u32,
     underrun: bool,
     /// It requests DMA.
-    pub request: bool,
+    pub dma_request: bool,
     hclk_hz: f64,
     /// Quality of the output.
     pub quality: Quality,
@@ -86,8 +86,8 @@ impl Dac {
         self.put_out(now);
         if self.cr & DMAEN != 0 && !self.underrun {
             // The previous request was not served: underrun. There are no further requests until the flag is cleared.
-            self.underrun = self.request;
-            self.request = !self.underrun;
+            self.underrun = self.dma_request;
+            self.dma_request = !self.underrun;
         }
     }
 
@@ -150,7 +150,7 @@ impl Registers for Dac {
                 let starts = value & !self.cr & EN != 0;
                 self.cr = value;
                 if value & (EN | DMAEN) != EN | DMAEN {
-                    self.request = false;
+                    self.dma_request = false;
                 }
                 if starts {
                     self.changes.clear();
@@ -225,15 +225,15 @@ mod tests {
         let mut dac = dac(EN | TEN | TRIGGER_TIM7 << 2 | DMAEN | DMAUDRIE);
         write(&mut dac, 0x08, 100, 10);
         dac.trigger(TRIGGER_TIM7 + 1, 20);
-        assert_eq!((dac.output, dac.request), (2048, false));
+        assert_eq!((dac.output, dac.dma_request), (2048, false));
         dac.trigger(TRIGGER_TIM7, 30);
-        assert_eq!((dac.output, dac.request), (100, true));
-        dac.request = false;
+        assert_eq!((dac.output, dac.dma_request), (100, true));
+        dac.dma_request = false;
         dac.trigger(TRIGGER_TIM7, 40);
-        assert!(dac.request && !dac.irq());
+        assert!(dac.dma_request && !dac.irq());
         // No transfer follows.
         dac.trigger(TRIGGER_TIM7, 50);
-        assert!(dac.irq() && !dac.request);
+        assert!(dac.irq() && !dac.dma_request);
         write(&mut dac, 0x34, DMAUDR, 60);
         assert!(!dac.irq());
     }

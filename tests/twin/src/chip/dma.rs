@@ -79,7 +79,7 @@ pub struct Channel {
     /// Flags except the global one.
     flags: u32,
     /// Until when it is denied the bus, as if another master held it. Its requests wait.
-    pub stalled: Option<Cycles>,
+    pub stalled_until: Option<Cycles>,
     /// Every transfer fails.
     pub broken: bool,
 }
@@ -130,7 +130,7 @@ impl Channel {
 
     /// The transfer that it would do on a request; none if it is disabled, has completed, or is stalled.
     pub fn transfer(&self) -> Modelled<Option<Transfer>> {
-        if !self.is_enabled() || self.cndtr == 0 || self.stalled.is_some() {
+        if !self.is_enabled() || self.cndtr == 0 || self.stalled_until.is_some() {
             return Ok(None);
         }
         refuse_if(self.ccr & MEM2MEM != 0, "DMA_CCR.MEM2MEM: memory-to-memory mode is not modelled")?;
@@ -253,11 +253,11 @@ impl Registers for Dma {
 
     /// The end of a stall. Everything else waits for a request.
     fn next_event(&self) -> Option<Cycles> {
-        self.channels.iter().filter_map(|it| it.stalled).min()
+        self.channels.iter().filter_map(|it| it.stalled_until).min()
     }
 
     fn advance(&mut self, now: Cycles) {
-        self.channels.iter_mut().for_each(|it| it.stalled = it.stalled.filter(|end| *end > now));
+        self.channels.iter_mut().for_each(|it| it.stalled_until = it.stalled_until.filter(|end| *end > now));
     }
 
     fn reset(&mut self, _: Cycles) {
@@ -418,7 +418,7 @@ mod tests {
     #[test]
     fn a_stalled_channel_waits() {
         let mut dma = ring(4, HALVES);
-        dma.channels[CHANNEL].stalled = Some(100);
+        dma.channels[CHANNEL].stalled_until = Some(100);
         dma.advance(99);
         assert_eq!((dma.channels[CHANNEL].transfer(), dma.next_event()), (Ok(None), Some(100)));
         assert_eq!(dma.channels[0].transfer(), Ok(None), "not enabled");

@@ -6,7 +6,7 @@
 //! case. All errata are on unless a test turns them off. For each, a test of the model shows its effect, and that there
 //! is none without it.
 
-/// The errata that the model applies.
+/// The errata that the model applies, by default none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Errata {
     /// 2.2.7. The first write to each part of SRAM after a reset at an unlucky moment may be lost. A part with parity

@@ -290,8 +290,8 @@ impl Chip {
         match request {
             Request::Tim6Update => self.tim6.dma_request,
             Request::Tim7Update => self.tim7.dma_request,
-            Request::Dac1 => self.dac[0].request,
-            Request::Dac2 => self.dac[1].request,
+            Request::Dac1 => self.dac[0].dma_request,
+            Request::Dac2 => self.dac[1].dma_request,
             Request::Adc(unit) => self.adc.dma_request(unit),
             Request::Spi2Receive => self.spi2.receive_request(),
             Request::Spi2Transmit => self.spi2.transmit_request(),
@@ -330,8 +330,8 @@ impl Chip {
         match request {
             Request::Tim6Update => self.tim6.dma_request = false,
             Request::Tim7Update => self.tim7.dma_request = false,
-            Request::Dac1 => self.dac[0].request = false,
-            Request::Dac2 => self.dac[1].request = false,
+            Request::Dac1 => self.dac[0].dma_request = false,
+            Request::Dac2 => self.dac[1].dma_request = false,
             _ => {}
         }
     }
@@ -579,7 +579,7 @@ mod tests {
     #[test]
     fn a_channel_kept_off_the_bus_loses_positions_and_the_rings_part() {
         let mut chip = running();
-        chip.dma[0].channels[0].stalled = Some(START + 3 * PERIOD + 10);
+        chip.dma[0].channels[0].stalled_until = Some(START + 3 * PERIOD + 10);
         chip.advance(START + 8 * PERIOD + RESULT);
         // Three updates fall into the stall. Only one of their requests is pending at its end, and is served late.
         assert_eq!(left(&mut chip), [10, 8, 8]);
@@ -589,7 +589,7 @@ mod tests {
     #[test]
     fn a_converters_channel_kept_off_the_bus_is_an_overrun_and_the_ring_stands() {
         let mut chip = running();
-        chip.dma[0].channels[2].stalled = Some(START + 3 * PERIOD + 10);
+        chip.dma[0].channels[2].stalled_until = Some(START + 3 * PERIOD + 10);
         chip.advance(START + 8 * PERIOD + RESULT);
         assert_eq!(left(&mut chip), [8, 8, 16]);
         let flags = |chip: &mut Chip, base: u32| chip.adc.read(base, Word, START).unwrap() & 1 << 4;

@@ -110,8 +110,8 @@ pub struct Rcc {
     hsi48_ready: Option<Cycles>,
     lsi_ready: Option<Cycles>,
     causes: u32,
-    /// The crystal has failed, which requests the NMI.
-    pub failed: bool,
+    /// The CSS detected that the crystal failed, which requests the NMI until software clears the flag.
+    pub crystal_failed: bool,
     /// When the system clock last rose above [`STEP_HZ`].
     stepped: Cycles,
     /// Errata in force.
@@ -160,7 +160,7 @@ impl Rcc {
             hsi48_ready: None,
             lsi_ready: None,
             causes: Reset::Power.flags(),
-            failed: false,
+            crystal_failed: false,
             stepped: 0,
             errata: Errata::NONE,
             rules: Rules::Enforced,
@@ -217,7 +217,7 @@ impl Rcc {
         self.hse_ready = self.hse_ready.filter(|at| *at <= now);
         let watched = self.storage[CR] & CSSON != 0 && self.hse_ready.take().is_some();
         if watched {
-            self.failed = true;
+            self.crystal_failed = true;
             self.storage[CR] = self.storage[CR] & !(HSEON | PLLON | CSSON) | HSION;
             self.pll_ready = None;
             self.still = None;
@@ -349,7 +349,7 @@ impl Registers for Rcc {
     fn word(&mut self, register: u32, now: Cycles) -> Modelled<u32> {
         let ready = |moment: Option<Cycles>, flag: u32| if moment.is_some_and(|at| at <= now) { flag } else { 0 };
         let value = match register {
-            CIFR if self.failed => CSSF,
+            CIFR if self.crystal_failed => CSSF,
             CIFR | CICR => 0,
             _ => self.storage.load(register)?,
         };
@@ -370,7 +370,7 @@ impl Registers for Rcc {
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let register = offset & !3;
         if register == CICR {
-            self.failed &= width.replace(0, offset, value) & CSSF == 0;
+            self.crystal_failed &= width.replace(0, offset, value) & CSSF == 0;
             return Ok(());
         }
         let old = self.storage.load(register)?;
@@ -430,7 +430,7 @@ impl Registers for Rcc {
         self.storage[BDCR] = bdcr;
         (self.hse_ready, self.pll_ready, self.hsi48_ready, self.lsi_ready) = (None, None, None, None);
         self.hclk_hz = HSI_HZ;
-        self.failed = false;
+        self.crystal_failed = false;
         self.still = None;
     }
 
@@ -519,11 +519,11 @@ mod tests {
         let mut rcc = at_168_mhz();
         write(&mut rcc, CR, HSION | HSEON | CSSON | PLLON, 40_000);
         rcc.break_crystal(45_000);
-        assert!(rcc.failed);
+        assert!(rcc.crystal_failed);
         assert_eq!((read(&mut rcc, CIFR, 50_000), read(&mut rcc, CR, 50_000) & (HSERDY | PLLRDY)), (CSSF, 0));
         assert_eq!(rcc.clocks(50_000, 0.003).hclk_hz, 16e6);
         write(&mut rcc, CICR, CSSF, 50_000);
-        assert!(!rcc.failed);
+        assert!(!rcc.crystal_failed);
     }
 
     #[test]

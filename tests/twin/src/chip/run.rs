@@ -15,7 +15,7 @@ impl Chip {
         self.access(address, width, Some(value), now).map(|_| ())
     }
 
-    /// A write of this value by the core, or a read.
+    /// Writes this value for the core or, if there is none, reads. Returns the word read; 0 for a write.
     pub fn access(&mut self, address: u32, width: Width, value: Option<u32>, now: Cycles) -> Result<u32, BadAccess> {
         self.advance(now);
         let word = self.bus(address, width, value, now)?;

@@ -27,15 +27,15 @@ const ENDPOINTS: usize = 8;
 
 // Registers (RM0440 45.6.1).
 registers! { u16:
-    // The first of the endpoint registers, which end at 0x1F: a packet was received, or sent (CTR), the toggle of the
-    // next (DTOG), and below the response to it (STAT).
+    // The first of the endpoint registers, which end at 0x1F: a packet was received, or sent (CTR), and the toggle of
+    // the next (DTOG). STAT_RX and STAT_TX, the response to it, are defined after this table.
     EPR 0x00 { DTOG_TX 6, CTR_TX 7, EP_KIND 8, SETUP 11, DTOG_RX 14, CTR_RX 15 },
     // The bits from 7 up enable the interrupt of the same bit in `USB_ISTR`. The first four force a reset, switch the
     // transceiver off, select low power, and force suspend.
     CNTR 0x40 { FRES 0, PDWN 1, LPMODE 2, FSUSP 3, RESUME 4, L1RESUME 5, CNTR_RESERVED 6 },
     // The transfer is OUT; a frame is missing; a frame began. CTR: a packet was received or sent.
     ISTR 0x44 { DIR 4, ESOF 8, SOF 9, RESET 10, SUSP 11, WKUP 12, CTR 15 },
-    // Level of D+, frame timer locked; below them frames missing, frame number.
+    // Frame timer locked, level of D+. The other fields are defined after this table.
     FNR 0x48 { LCK 13, RXDP 15 },
     // The device responds to packets.
     DADDR 0x4C { EF 7 },

@@ -43,7 +43,7 @@ pub fn rig() -> Rig {
 /// A board that has saved these settings and whose boot loader leaves in this way.
 pub fn configured(image: &[u8], left: Left, world: impl World + 'static, settings: &Settings) -> UsbLink<Machine> {
     let mut machine = Machine::new(image, world).expect("the image");
-    machine.serves = Some(left);
+    machine.rom_leaves = Some(left);
     run(&mut machine, 0.5);
     let mut link = UsbLink::new(machine);
     link.set_up(settings).expect("takes its settings");
