@@ -14,7 +14,6 @@ use inerter_twin::{
     chip::flash::{Contents, Torn},
     chip::rcc::Reset,
     chip::rom::Left,
-    chip::syscfg::Kept,
     cpu::{Faults, SRAM_CUTS, Stop},
     cycles::timing::halves,
     elf::Elf,
@@ -357,7 +356,7 @@ fn the_roms_update_mode_starts_new_firmware_by_a_jump() {
 fn a_reset_that_leaves_the_rom_at_address_0_is_tried_once() {
     for left in Left::ALL {
         let Some(mut link) = board(Still) else { return };
-        link.machine.chip_mut().syscfg.kept = Kept::MemMode;
+        link.machine.chip_mut().syscfg.keeps_mem_mode = true;
         greet(&mut link);
         done(&mut link, Command::EnterDfu, REPLY_S);
         enters_update_mode(&mut link.machine, 1.0);

@@ -130,7 +130,7 @@ impl Chip {
     fn step(&mut self, at: Cycles) -> Modelled {
         self.dma.iter_mut().for_each(|dma| dma.advance(at));
         if self.tim6.next_update() == Some(at) {
-            let trigger = self.tim6.update().trigger;
+            let trigger = self.tim6.update();
             // This transfer reads TIM2, which updates its counter to this time.
             self.serve_dma(at);
             if trigger {
@@ -142,7 +142,7 @@ impl Chip {
             self.adc.trigger_one(unit, TRIGGER_TIM6, at)?;
         }
         if self.tim7.next_update() == Some(at) {
-            let trigger = self.tim7.update().trigger;
+            let trigger = self.tim7.update();
             self.serve_dma(at);
             if trigger {
                 self.dac.iter_mut().for_each(|dac| dac.trigger(TRIGGER_TIM7, at));

@@ -11,19 +11,9 @@ const EXTICR1: u32 = 0x08;
 #[derive(Clone, Debug)]
 pub struct Syscfg {
     storage: Storage,
-    /// Whether MEM_MODE survives a software reset from now on.
-    pub kept: Kept,
-}
-
-/// Whether MEM_MODE survives a software reset. We found no document that says so, but firmware must not loop if it
-/// does.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Kept {
-    /// MEM_MODE is reset.
-    #[default]
-    Nothing,
-    /// MEM_MODE is kept.
-    MemMode,
+    /// Whether MEM_MODE survives a software reset. We found no document that says so, but firmware must not loop if it
+    /// does.
+    pub keeps_mem_mode: bool,
 }
 
 impl Default for Syscfg {
@@ -33,14 +23,14 @@ impl Default for Syscfg {
         let shared = Storage::shared(&[(MEMRMP, 0, 7), port(0), port(1), port(2), port(3)]);
         // CFGR1, CFGR2.
         let others = Storage::new(&[(0x04, 0x7c00_0001, 0xfcff_0300), (0x1c, 0, 0xf)]);
-        Self { storage: shared.and(others), kept: Kept::default() }
+        Self { storage: shared.and(others), keeps_mem_mode: false }
     }
 }
 
 impl Syscfg {
     /// Restores MEM_MODE after a software reset, if it survives; `mem_mode` is the value before.
     pub fn restore(&mut self, mem_mode: u32) {
-        if self.kept == Kept::MemMode {
+        if self.keeps_mem_mode {
             self.storage[MEMRMP] = mem_mode;
         }
     }

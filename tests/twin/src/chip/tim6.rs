@@ -27,13 +27,6 @@ const CR1_ALL: u32 = CEN | UDIS | URS | OPM | ARPE | UIFREMAP | DITHEN;
 /// MMS in CR2: the update event is the trigger output.
 const TRIGGER_UPDATE: u32 = 2;
 
-/// External effects of an update event.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Outcome {
-    /// Whether the trigger output has a pulse.
-    pub trigger: bool,
-}
-
 /// The timer.
 #[derive(Clone, Debug)]
 pub struct Tim6 {
@@ -104,16 +97,17 @@ impl Tim6 {
         self.runs().then(|| self.zero + self.period())
     }
 
-    /// Processes an overflow; must be called at [`next_update`](Self::next_update).
-    pub fn update(&mut self) -> Outcome {
+    /// Processes an overflow; must be called at [`next_update`](Self::next_update). Returns whether the trigger output
+    /// has a pulse.
+    pub fn update(&mut self) -> bool {
         self.zero += self.period();
         if self.cr1 & UDIS != 0 {
-            return Outcome::default();
+            return false;
         }
         self.sr |= UIE;
         self.dma_request |= self.dier & UDE != 0;
         self.load();
-        Outcome { trigger: self.cr2 >> 4 & 7 == TRIGGER_UPDATE }
+        self.cr2 >> 4 & 7 == TRIGGER_UPDATE
     }
 
     fn load(&mut self) {
@@ -239,7 +233,7 @@ mod tests {
         let mut timer = sampling_clock();
         for n in 1..5 {
             assert_eq!(timer.next_update(), Some(100 + 2625 * n));
-            assert_eq!(timer.update(), Outcome { trigger: true });
+            assert!(timer.update());
             assert!(timer.dma_request && !timer.irq());
             timer.dma_request = false;
         }
@@ -294,7 +288,7 @@ mod tests {
         let mut timer = sampling_clock();
         write(&mut timer, 0x0C, UDE | UIE, 100);
         write(&mut timer, 0x00, CEN | UDIS, 100);
-        assert_eq!(timer.update(), Outcome::default());
+        assert!(!timer.update());
         assert!(!timer.dma_request && !timer.irq());
         assert_eq!(timer.next_update(), Some(100 + 2 * 2625));
         write(&mut timer, 0x00, CEN, 100 + 2625);
