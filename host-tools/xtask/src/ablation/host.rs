@@ -22,7 +22,7 @@ const FOLDER: &str = "host-tools/analysis/src/diagnose";
 const PARTS: &[Heuristic] = &[
     one(
         "reversals are located anew by what was found",
-        &[("search.rs", "Located::of(aligned, self.law, &known(&self.found))", "Located::of(aligned, self.law, &[])")],
+        &[("search.rs", "Located::of(aligned, self.law, &self.found)", "Located::of(aligned, self.law, &[])")],
     ),
     one(
         "rows are whitened",
@@ -64,8 +64,8 @@ const PARTS: &[Heuristic] = &[
         "a size must be physically plausible",
         &[(
             "candidate.rs",
-            "let coulomb_n = law.coulomb_n.max(0.0);",
-            "let coulomb_n = law.coulomb_n.max(0.0);\n        if coulomb_n >= 0.0 {\n            return true;\n        }",
+            "let coulomb_n = coulomb_n.max(0.0);",
+            "let coulomb_n = coulomb_n.max(0.0);\n        if coulomb_n >= 0.0 {\n            return true;\n        }",
         )],
     ),
     one(
@@ -148,7 +148,7 @@ const PARTS: &[Heuristic] = &[
     tested(
         "in_a_tone_inertance_rests_on_a_position_that_does_not_give_way",
         "a position that gives way may be assumed",
-        &[("candidate.rs", "all.push(Self { kind: Kind::Compliance, term: Term::Bent });", "")],
+        &[("candidate.rs", "all.push(Self::Bent);", "")],
     ),
     one(
         "a skew and what acts at the reversals widen nothing",
