@@ -229,8 +229,8 @@ pub fn run(words: &[&str]) -> Result<bool, Error> {
         let expected = bench.expected();
         let wanted = if wants.is_empty() { Vec::new() } else { wants::parse(wants, Machine::Linear, expected.law())? };
         let plan = design(&expected, *limits, &wanted, |_| ())?;
-        let written = as_written(&plan.motion(), FILE_HZ)?;
-        let reached = bench.reached(&written, plan.duration_s(), first, seeds)?;
+        let written = as_written(&plan.motion, FILE_HZ)?;
+        let reached = bench.reached(&written, plan.duration_s, first, seeds)?;
         let letter = name.get(..1).unwrap_or_default();
         body += &rows(letter, &plan.prediction, &reached, &mut designed);
         made += &format!("- {name}: {}\n", description(&plan, bench.machine));
@@ -290,7 +290,7 @@ fn description(plan: &Plan, machine: Machine) -> String {
 /// Compares the design with the fixed motions under the same limits.
 fn compared(case: &Case, plan: &Plan, reached: &[Reached; 3]) -> Result<String, Error> {
     let (first, seeds) = BESIDE;
-    let limits = Limits { duration_s: plan.duration_s(), ..case.limits };
+    let limits = Limits { duration_s: plan.duration_s, ..case.limits };
     let line = |name: &str, u95: [f64; 3], given: usize| {
         sheet::row(&[name], u95.map(figure).into_iter().chain([given.to_string()]))
     };

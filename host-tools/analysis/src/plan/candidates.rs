@@ -7,9 +7,10 @@ use inerter_plant::{Excitation, Tone};
 
 use super::{
     error::PlanError,
-    expected::{Expected, GOLDEN, Look},
+    expected::{Expected, GOLDEN},
     information::Information,
     limits::Limits,
+    part::Part,
     peaks::Peaks,
 };
 
@@ -22,8 +23,9 @@ const PHASES: u32 = 40;
 /// Time until the estimator has learnt friction \[s\], and minimum time for which a motion is simulated.
 const LEARNT_S: f64 = 2.0;
 const SEEN_S: f64 = 4.0;
-/// Periods of the lowest tone for which a motion is simulated.
+/// Periods of the lowest tone for which a motion is simulated, and minimum number in a part, in addition to its ramps.
 const PERIODS: f64 = 2.5;
+const LEAST_PERIODS: f64 = 1.5;
 /// Attempts to meet the limits, and the accuracy that is sufficient.
 const ATTEMPTS: usize = 6;
 const NEAR: f64 = 0.97;
@@ -42,22 +44,18 @@ pub(super) struct Effort {
 /// A candidate motion.
 #[derive(Clone, Debug)]
 pub(super) struct Candidate {
-    /// Its tones, whose sum is zero at the start.
-    pub tones: Vec<Tone>,
+    /// Its tones, whose sum is zero at the start, and their ramps.
+    pub part: Part,
+    /// Minimum time that it takes \[s\].
+    pub shortest_s: f64,
     /// Its information per second.
     pub information: Information,
     /// Its peaks, to compare with the limits.
     pub peaks: Peaks,
 }
 
-/// Length of the ramps of a motion \[s\]: at least a quarter of the lowest tone's period, or they would be faster than
-/// the motion.
-pub(super) fn fade_s(tones: &[Tone], limits: &Limits) -> f64 {
-    limits.fade_s.max(0.25 / lowest_hz(tones))
-}
-
 /// The lowest frequency \[Hz\].
-pub(super) fn lowest_hz(tones: &[Tone]) -> f64 {
+fn lowest_hz(tones: &[Tone]) -> f64 {
     tones.iter().map(|tone| tone.frequency_hz).fold(f64::INFINITY, f64::min)
 }
 
@@ -73,9 +71,10 @@ pub(super) fn candidates(
     for (number, tones) in shapes.into_iter().enumerate() {
         progress(number as f64 / count);
         let Some(largest) = enlarged(expected, limits, tones)? else { continue };
-        if effort.varied && largest.tones.len() == 1 {
+        let tones = &largest.part.tones;
+        if effort.varied && tones.len() == 1 {
             for part in LOWER {
-                found.extend(seen(expected, limits, scaled(&largest.tones, part))?);
+                found.extend(seen(expected, limits, scaled(tones, part))?);
             }
         }
         found.push(largest);
@@ -211,13 +210,13 @@ fn enlarged(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Op
 
 /// The information of tones of this size; `None` if the estimator uses none of their samples.
 fn seen(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Option<Candidate>, PlanError> {
-    let fade_s = fade_s(&tones, limits);
-    let from_s = fade_s + LEARNT_S;
-    let seconds = SEEN_S.max(PERIODS / lowest_hz(&tones));
+    let lowest_hz = lowest_hz(&tones);
+    // Shorter ramps would be faster than the motion.
+    let fade_s = limits.fade_s.max(0.25 / lowest_hz);
+    let (from_s, duration_s) = (fade_s + LEARNT_S, SEEN_S.max(PERIODS / lowest_hz));
     let motion = Excitation::tones(tones.clone()).with_ramp(fade_s);
-    let look = Look { seed: SEED, from_s, by_speed: true, ..Look::default() };
-    let seen = expected.see(&motion, from_s + seconds, look)?;
-    let peaks = seen.peaks;
-    let information = Information::of(seen, seconds);
-    Ok(information.is_something().then_some(Candidate { tones, information, peaks }))
+    let seen = expected.see(&motion, from_s + duration_s, SEED, Some(from_s))?;
+    let (shortest_s, peaks) = (2.0 * fade_s + LEAST_PERIODS / lowest_hz, seen.peaks);
+    let (part, information) = (Part { tones, duration_s, fade_s }, Information::of(seen, duration_s));
+    Ok(information.is_something().then_some(Candidate { part, shortest_s, information, peaks }))
 }

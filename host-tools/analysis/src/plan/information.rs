@@ -111,7 +111,6 @@ impl Together {
     pub fn times(mut self, factor: f64) -> Self {
         self.products = self.products.map(|products| products.times(factor));
         self.reversals_again *= factor;
-        self.away = self.away.map(|away| away.map(|products| products.times(factor)));
         self
     }
 
@@ -148,36 +147,24 @@ impl Together {
         products.beyond_explained(inertance_kg, expected.force_noise_n, &expected.settings).ok()
     }
 
-    /// The uncertainties for the expected device; `None` if a combination of parameters is not identified. If it is
-    /// uncertain which bank the estimator will use, the one with less information counts.
-    pub fn told(&self, expected: &Expected) -> Option<Told> {
-        let fast = || self.told_by(Bank::Fast, expected, 1.0);
-        let slow = || self.told_by(Bank::Slow, expected, 1.0);
-        let clear = self.clear_of_steps(expected);
-        if clear > CERTAIN {
-            return fast();
-        }
-        if clear < 1.0 / CERTAIN {
-            return slow();
-        }
-        let (fast, slow) = (fast()?, slow()?);
-        Some(if fast.log_det > slow.log_det { fast } else { slow })
-    }
-
-    /// The same if it is certain that the estimator will use this bank.
-    pub fn told_for_certain_by(&self, bank: Bank, expected: &Expected) -> Option<Told> {
-        let is_certain = match bank {
-            Bank::Fast => self.clear_of_steps(expected) > CERTAIN,
-            Bank::Slow => self.clear_of_steps(expected) < 1.0 / CERTAIN,
-        };
-        is_certain.then(|| self.told_by(bank, expected, 1.0)).flatten()
-    }
-
-    /// Squared ratio of the acceleration to that from which the estimator uses the fast bank.
-    fn clear_of_steps(&self, expected: &Expected) -> f64 {
+    /// The uncertainties for the expected device; `None` if a combination of parameters is not identified, or if it is
+    /// not certain that the estimator will use the `wanted` bank. If any bank will do and it is uncertain which one the
+    /// estimator will use, the one with less information counts.
+    pub fn told(&self, expected: &Expected, wanted: Option<Bank>) -> Option<Told> {
         let [fast, _] = &self.products;
         let [acceleration, _] = fast.mean_squares();
-        acceleration / (CLEAR_OF_STEPS * fast.steps_square(&expected.settings))
+        // Squared ratio of the acceleration to that from which the estimator uses the fast bank.
+        let clear = acceleration / (CLEAR_OF_STEPS * fast.steps_square(&expected.settings));
+        let of = |bank| self.told_by(bank, expected, 1.0);
+        match wanted {
+            None | Some(Bank::Fast) if clear > CERTAIN => of(Bank::Fast),
+            None | Some(Bank::Slow) if clear < 1.0 / CERTAIN => of(Bank::Slow),
+            None => {
+                let (fast, slow) = (of(Bank::Fast)?, of(Bank::Slow)?);
+                Some(if fast.log_det > slow.log_det { fast } else { slow })
+            }
+            Some(_) => None,
+        }
     }
 
     /// The same for one bank, if the law's mean square residual is this multiple of what noise and steps explain.

@@ -58,8 +58,12 @@ fn reach_text(machine: Machine, stroke_m: f64, speed_m_per_s: f64, force_n: f64)
 /// A parameter with an interval: `cf to ± 1.2 N s/m`.
 pub fn interval_of(machine: Machine, place: usize, u95: f64) -> String {
     let field = parameter(machine, place);
-    let digits = if u95 < 1e-4 { format!("{u95:.1e}") } else { rounded_text(u95, u95) };
-    format!("{} to ± {digits} {}", field.symbol, field.unit)
+    format!("{} to ± {} {}", field.symbol, digits(u95), field.unit)
+}
+
+/// The two digits of a half width that matter, however small it is.
+pub(super) fn digits(u95: f64) -> String {
+    if u95 < 1e-4 { format!("{u95:.1e}") } else { rounded_text(u95, u95) }
 }
 
 /// The main source of an interval, and how to reduce it.

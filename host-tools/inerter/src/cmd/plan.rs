@@ -97,7 +97,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let planned = planned?;
     let written = args.files.write(&planned)?;
     planned.remarks().iter().for_each(note);
-    let machine = planned.expected().settings.machine;
+    let machine = planned.expected.settings.machine;
     if args.json {
         print_machine_json(machine, &planned.json(&written))?;
     } else {

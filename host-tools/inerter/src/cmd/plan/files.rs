@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use inerter_analysis::plan::{PlanError, Planned};
+use inerter_analysis::plan::{Plan, PlanError};
 use inerter_data::{
     csv::motion,
     names::unit,
@@ -72,8 +72,8 @@ impl FileArgs {
     }
 
     /// Writes the requested files.
-    pub fn write(&self, planned: &Planned) -> Result<Vec<Written>, Error> {
-        let settings = &planned.expected().settings;
+    pub fn write(&self, planned: &Plan) -> Result<Vec<Written>, Error> {
+        let settings = &planned.expected.settings;
         let (machine, rate_hz) = (settings.machine, self.rate_hz.unwrap_or(settings.sample_rate_hz));
         let mut written = Vec::new();
         let mut add = |format, path: &Path, full_scale_m| {
@@ -87,7 +87,7 @@ impl FileArgs {
             add("csv", path, None);
         }
         if let Some(path) = &self.wav {
-            let peak_m = planned.peaks().stroke_m;
+            let peak_m = planned.prediction.peaks.stroke_m;
             let full_scale_m = self.full_scale_m.unwrap_or(planned.stroke_m());
             if full_scale_m < peak_m {
                 return Err(full_scale(full_scale_m, "as much as the motion's own peak").into());
