@@ -3,13 +3,15 @@
 use std::f64::consts::TAU;
 
 use inerter_core::Settings;
+pub use inerter_data::causes::Kind;
 
-use super::kind::Kind;
 use crate::{
     law::{FALLS, Law, MOST_LOAD, TURNS},
     reversals::Moment,
 };
 
+/// F statistic from which a cause is named: a run without a fault does not reach it (docs/tables/diagnose.md).
+pub const LIMIT: f64 = 30.0;
 /// Common encoder counts per revolution; each implies a lead.
 const COUNTS_PER_TURN: [f64; 22] = [
     400.0, 800.0, 1000.0, 1024.0, 1440.0, 1600.0, 2000.0, 2048.0, 2400.0, 4000.0, 4096.0, 5000.0, 7200.0, 8000.0,
@@ -124,6 +126,21 @@ impl Term {
             Self::Bent => Kind::Compliance,
             Self::Structure(_) => Kind::Structure,
             Self::Told(..) => Kind::ForceNonlinear,
+        }
+    }
+
+    /// The unit of its size, or of its distance, for a linear machine.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Load | Self::Told(..) => "1",
+            Self::Square => "N s2/m2",
+            Self::Spring(_) | Self::Relaxing(_) => "N/m",
+            Self::Bent => "m/N",
+            Self::Structure(_) => "s2",
+            Self::Wobble(_) | Self::Turning(_) | Self::Bending(_) => "m",
+            Self::Thinning | Self::Speed => "N s/m",
+            Self::Skew => "s",
+            _ => "N",
         }
     }
 

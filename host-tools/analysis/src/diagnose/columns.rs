@@ -9,9 +9,8 @@ use inerter_core::{
 use inerter_data::series::{Series, Stretch};
 
 use super::{
-    candidate::{Found, HYSTERESIS, Shape, Span, Term},
+    candidate::{Found, HYSTERESIS, Kind, Shape, Span, Term},
     filter::Filter,
-    kind::Kind,
 };
 use crate::{
     law::{Law, around, ends, mark, mean, stands},
@@ -61,25 +60,22 @@ pub(super) struct Rows<'a> {
     pub kept: f64,
 }
 
-/// A run with located reversals.
-pub(super) struct Located<'a> {
-    series: &'a Series,
-    law: Law,
-    span: Span,
-    /// Friction that may hold the screw at rest \[N\].
-    rest_n: f64,
-    pieces: Vec<(&'a Stretch, Turns)>,
-}
-
-impl<'a> Located<'a> {
-    /// Located with this law and the causes found.
-    pub fn of(series: &'a Series, law: Law, found: &[Found]) -> Self {
+impl<'a> Rows<'a> {
+    /// Rows for all samples in motion, with reversals located by this law and the causes found; the filter may depend
+    /// on how often each stroke has repeated.
+    pub fn of(
+        series: &'a Series,
+        law: Law,
+        found: &[Found],
+        settings: &Settings,
+        filter: impl FnOnce(f64) -> Filter,
+    ) -> Self {
         let period_s = series.period_s;
         let from_s = series.stretches.first().map_or(0.0, |stretch| stretch.start_s);
         let end = |stretch: &Stretch| stretch.start_s + stretch.force_n.len() as f64 * period_s;
         let to_s = series.stretches.last().map_or(from_s, end);
-        let span = Span { from_s, duration_s: to_s - from_s, ..Span::default() };
-        let pieces = series.stretches.iter().map(|stretch| {
+        let mut span = Span { from_s, duration_s: to_s - from_s, ..Span::default() };
+        let located = series.stretches.iter().map(|stretch| {
             let friction = |moment: &Moment| {
                 let time = span.time(stretch.start_s + moment.at * period_s);
                 let beside = found.iter().map(|Found { term, sizes, .. }| {
@@ -90,43 +86,18 @@ impl<'a> Located<'a> {
             };
             (stretch, Turns::with(stretch, period_s, &law, &friction))
         });
+        let located: Vec<(&Stretch, Turns)> = located.collect();
+        // Friction that may hold the screw at rest.
         let surplus = found.iter().filter(|one| one.term.kind() == Kind::Stribeck).map(|one| one.sizes[0]);
         let rest_n = (law.coulomb_n + surplus.sum::<f64>()).abs();
-        Self { series, law, span, rest_n, pieces: pieces.collect() }
-    }
-
-    /// How often each stroke has repeated sample by sample, as the device counts it.
-    pub fn repeats(&self, settings: &Settings) -> f64 {
-        let code_m = settings.metres_per_count / settings.oversampling;
-        let mut repeats = Repeats::new();
-        for (stretch, turns) in &self.pieces {
-            let mut next = turns.reversals.iter().map(|reversal| reversal.at.round() as usize).peekable();
-            let mut sum = 0_i32;
-            for (n, position) in stretch.position_m.iter().enumerate() {
-                let codes = (position / code_m).round() as i64 as i32;
-                sum = sum.wrapping_add(codes);
-                if next.next_if_eq(&n).is_some() {
-                    repeats.push(n as u32, codes, sum, settings.oversampling as u32);
-                }
-            }
-        }
-        let (strokes, squares) = repeats.strokes_and_squares();
-        if strokes == 0 { 1.0 } else { squares as f64 / f64::from(strokes) }
-    }
-}
-
-impl<'a> Rows<'a> {
-    /// Rows for all samples in motion, through this filter.
-    pub fn through(located: Located<'a>, settings: &Settings, filter: Filter) -> Self {
-        let Located { series, law, mut span, rest_n, pieces } = located;
-        let period_s = series.period_s;
+        let filter = filter(repeats(&located, settings));
         let kernels = &filter.kernels;
         let middle_reach = kernels.reach() + kernels.box_samples;
         let wide = filter.whitening.len() / 2;
         let reach = middle_reach + wide * filter.spacing;
         let thinned = series.len().div_ceil(filter.spacing * MOST_ROWS).max(1);
         let mut could = 0_usize;
-        let pieces = pieces.into_iter().map(|(stretch, turns)| {
+        let pieces = located.into_iter().map(|(stretch, turns)| {
             let mut still = still(stretch, &turns, period_s, settings, law.offset_n, rest_n);
             if kernels.box_samples as f64 * period_s > FAST_BOX_S {
                 keep_step(stretch, kernels.box_samples, settings.metres_per_count.abs(), &mut still);
@@ -160,10 +131,8 @@ impl<'a> Rows<'a> {
         let mut rows =
             Self { filter, law, period_s, pieces, span, force: Vec::new(), base: empty, per_observation, kept };
         let kernels = &rows.filter.kernels;
-        let force = rows.filtered(|_, piece, middle| {
-            let measured = kernels.measured(piece.stretch, settings, middle);
-            measured.force_n - settings.structure_mass_kg * measured.stretch
-        });
+        let force =
+            rows.filtered(|_, piece, middle| kernels.measured(piece.stretch, settings, middle).on_screw_n(settings));
         let position = |taps| rows.filtered(|_, piece, middle| around(taps, &piece.stretch.position_m, middle));
         let (acceleration, velocity) = (position(&kernels.second), position(&kernels.rate));
         let sign = rows.filtered(|_, piece, middle| around(&kernels.sign, &piece.turns.signs, middle));
@@ -312,6 +281,25 @@ impl<'a> Rows<'a> {
             .flat_map(|piece| piece.middles().map(|middle| piece.stretch.start_s + middle as f64 * self.period_s));
         column.iter().zip(middles).map(|(value, t_s)| value * self.span.time(t_s)).collect()
     }
+}
+
+/// How often each stroke has repeated sample by sample, as the device counts it.
+fn repeats(located: &[(&Stretch, Turns)], settings: &Settings) -> f64 {
+    let code_m = settings.metres_per_count / settings.oversampling;
+    let mut repeats = Repeats::new();
+    for (stretch, turns) in located {
+        let mut next = turns.reversals.iter().map(|reversal| reversal.at.round() as usize).peekable();
+        let mut sum = 0_i32;
+        for (n, position) in stretch.position_m.iter().enumerate() {
+            let codes = (position / code_m).round() as i64 as i32;
+            sum = sum.wrapping_add(codes);
+            if next.next_if_eq(&n).is_some() {
+                repeats.push(n as u32, codes, sum, settings.oversampling as u32);
+            }
+        }
+    }
+    let (strokes, squares) = repeats.strokes_and_squares();
+    if strokes == 0 { 1.0 } else { squares as f64 / f64::from(strokes) }
 }
 
 /// The relaxing part of a signal's travel, with this time constant \[samples\].

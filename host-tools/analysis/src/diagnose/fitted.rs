@@ -5,11 +5,10 @@ use inerter_core::{
 };
 
 use super::{
-    candidate::{Encoder, Found, Term},
+    candidate::{Encoder, Found, Kind, Term},
     cause::Cause,
     columns::Rows,
     found::model,
-    kind::Kind,
     selection::{Model, SIGN},
 };
 use crate::fit::{Beside, Judge};
@@ -57,20 +56,28 @@ pub(super) fn fitted(
         let is_sought = slope.is_some() && with_slopes.is_some();
         let scale_variance = if is_sought { variance(&[(slope_at, 1.0)]) } else { f64::INFINITY };
         let u95 = |variance: f64| constants::COVERAGE * variance.max(0.0).sqrt();
-        let mut told = cause(one, size, u95(size_variance) + off(&size_by), u95(scale_variance));
-        let is_part = told.period_m.is_some_and(|period_m| period_m > rows.span.stroke_m);
-        told.is_part_of_a_turn = is_part && encoder.counts_per_turn.is_none();
-        // A corrected skew shows nothing more, and counts with its former evidence.
-        if told.kind == Kind::Skew {
-            let whole_s = undone_s + size;
-            told = Cause {
-                value: whole_s,
-                u95: told.u95.hypot(SKEW_MODEL_U95_S),
-                f: whole_s * whole_s / size_variance,
-                ..told
-            };
-        }
-        causes.push(told);
+        let size_u95 = u95(size_variance) + off(&size_by);
+        let (value, u95, f) = match one.term {
+            Term::Turning(distance) | Term::Bending(distance) => (distance, u95(scale_variance) * distance, one.f()),
+            // A corrected skew shows nothing more, and counts with its former evidence.
+            Term::Skew => {
+                let whole_s = undone_s + size;
+                (whole_s, size_u95.hypot(SKEW_MODEL_U95_S), whole_s * whole_s / size_variance)
+            }
+            _ => (size, size_u95, one.f()),
+        };
+        let period_m = one.term.period_m();
+        let is_part = period_m.is_some_and(|period_m| period_m > rows.span.stroke_m);
+        causes.push(Cause {
+            kind: one.term.kind(),
+            value,
+            u95,
+            unit: one.term.unit(),
+            f,
+            period_m,
+            is_part_of_a_turn: is_part && encoder.counts_per_turn.is_none(),
+            rival: one.rival,
+        });
         at += width;
         slope_at += usize::from(slope.is_some());
     }
@@ -123,7 +130,7 @@ fn other_turns<'a>(
 fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, errors: [f64; 4]) -> Option<Parameters> {
     // Effect of an undetected residual skew, whether or not a skew was found.
     let late = rows.columns(Term::Skew);
-    let alone = Model::new(rows, [])?;
+    let alone = model(rows, &[])?;
     let moved = alone.along(late.first()?)?;
     let of_curvature = alone.along(&rows.curvature())?;
     // They are not corrected, because their effect is known only to a factor of two.
@@ -145,33 +152,4 @@ fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, err
     let beside = Beside { motion: Motion { friction_in_curvature, apart, ..motion }, model_u95: [0.0; 4] };
     let scatter = Scatter::white(law.values[0] as f32, law.freedom(0) as f32);
     Some(Judge { settings, beside: &beside, scatter }.four(found))
-}
-
-fn cause(found: &Found, size: f64, u95: f64, scale_u95: f64) -> Cause {
-    let term = found.term;
-    let (value, u95) = match term {
-        Term::Turning(distance) | Term::Bending(distance) => (distance, scale_u95 * distance),
-        _ => (size, u95),
-    };
-    let unit = match term {
-        Term::Load | Term::Told(..) => "1",
-        Term::Square => "N s2/m2",
-        Term::Spring(_) | Term::Relaxing(_) => "N/m",
-        Term::Bent => "m/N",
-        Term::Structure(_) => "s2",
-        Term::Wobble(_) | Term::Turning(_) | Term::Bending(_) => "m",
-        Term::Thinning | Term::Speed => "N s/m",
-        Term::Skew => "s",
-        _ => "N",
-    };
-    Cause {
-        kind: term.kind(),
-        value,
-        u95,
-        unit,
-        f: found.f(),
-        period_m: term.period_m(),
-        is_part_of_a_turn: false,
-        rival: found.rival,
-    }
 }

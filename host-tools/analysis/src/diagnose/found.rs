@@ -1,9 +1,8 @@
 //! The causes found: fits them together, and searches each velocity and distance with all the others included.
 
 use super::{
-    candidate::{Found, Term},
+    candidate::{Found, Kind, LIMIT, Term},
     columns::Rows,
-    kind::{Kind, LIMIT},
     selection::{Model, SIGN},
 };
 use crate::law::Law;

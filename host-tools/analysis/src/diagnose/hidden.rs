@@ -15,10 +15,9 @@ use inerter_data::{
 use nalgebra::{DMatrix, DVector};
 
 use super::{
-    candidate::Term,
+    candidate::{Kind, Term},
     cause::Cause,
     columns::Rows,
-    kind::Kind,
     search::rows_of,
     selection::products_with,
 };

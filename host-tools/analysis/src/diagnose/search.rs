@@ -4,13 +4,12 @@ use inerter_core::{Law as LawState, LawStatus, Parameters, Published, Settings};
 use inerter_data::{gated::Gated, series::Series};
 
 use super::{
-    candidate::{Encoder, Found, Term},
+    candidate::{Encoder, Found, Kind, LIMIT, Term},
     cause::Cause,
-    columns::{Located, MOST_ROWS, Rows},
+    columns::{MOST_ROWS, Rows},
     filter::{Filter, Sight, force_noise_n},
     fitted::fitted,
     found::{model, refine, strongest, taken},
-    kind::{Kind, LIMIT},
     selection::Model,
 };
 use crate::{
@@ -147,7 +146,7 @@ pub(super) fn rows_of<'a>(
     let law = Law::of_run(&published.estimate.whole_run, settings);
     let (spacing, noise_n) = (aligned.len() / MOST_ROWS, force_noise_n(aligned, settings));
     let filter = Filter::of(sight, spacing, aligned.period_s, settings, &law, noise_n, 1.0);
-    enough(Rows::through(Located::of(aligned, law, &[]), settings, filter))
+    enough(Rows::of(aligned, law, &[], settings, |_| filter))
 }
 
 fn enough(rows: Rows) -> Result<Rows, FitError> {
@@ -194,19 +193,37 @@ impl Search<'_> {
         alone.settle(&rows)?;
         let rows = alone.rows(&aligned)?;
         let alone_n = alone.settle(&rows)?.residual_rms();
-        self.told(&series.aligned(&self.settings), &settings, alone_n)
+        let aligned = series.aligned(&self.settings);
+        let rows = self.rows(&aligned)?;
+        let undone_s = self.settings.skew_s - settings.skew_s;
+        let fitted = loop {
+            let fitted = fitted(&rows, &self.settings, &self.published.detail, &self.found, undone_s, self.encoder);
+            if fitted.is_some() || !self.drop_weakest() {
+                break fitted;
+            }
+        };
+        let (causes, corrected, with_causes_n) = match fitted {
+            Some((causes, corrected, rms_n)) => (causes, Some(corrected), rms_n),
+            None => (Vec::new(), None, alone_n),
+        };
+        Ok(Diagnosis {
+            causes,
+            corrected,
+            greatest_left: self.greatest_left,
+            residual_rms_n: [alone_n, with_causes_n],
+            noise_rms_n: (rows.filter.noise_square + rows.filter.steps_square).sqrt(),
+        })
     }
 
     /// The rows with everything known so far, through the most informative filter.
     fn rows<'a>(&mut self, aligned: &'a Series) -> Result<Rows<'a>, FitError> {
         loop {
             (self.tick)();
-            let located = Located::of(aligned, self.law, &self.found);
-            let repeats = located.repeats(&self.settings);
             let [sight, worse @ ..] = self.sights else { return Err(FitError::Motion) };
-            let filter = Filter::of(*sight, 1, aligned.period_s, &self.settings, &self.law, self.noise_n, repeats);
-            let rows = Rows::through(located, &self.settings, filter);
-            let is_fit = || rows.kept >= LEAST_KEPT && Model::new(&rows, []).is_some_and(|law| law.steps <= MOST_STEPS);
+            let rows = Rows::of(aligned, self.law, &self.found, &self.settings, |repeats| {
+                Filter::of(*sight, 1, aligned.period_s, &self.settings, &self.law, self.noise_n, repeats)
+            });
+            let is_fit = || rows.kept >= LEAST_KEPT && model(&rows, &[]).is_some_and(|law| law.steps <= MOST_STEPS);
             if worse.is_empty() || is_fit() {
                 return enough(rows);
             }
@@ -378,29 +395,6 @@ impl Search<'_> {
         }
         self.found = weighed;
         has_changed
-    }
-
-    /// The result to report, given this residual of the law alone.
-    fn told(&mut self, aligned: &Series, settings: &Settings, alone_n: f64) -> Result<Diagnosis, FitError> {
-        let rows = self.rows(aligned)?;
-        let undone_s = self.settings.skew_s - settings.skew_s;
-        let fitted = loop {
-            let fitted = fitted(&rows, &self.settings, &self.published.detail, &self.found, undone_s, self.encoder);
-            if fitted.is_some() || !self.drop_weakest() {
-                break fitted;
-            }
-        };
-        let (causes, corrected, with_causes_n) = match fitted {
-            Some((causes, corrected, rms_n)) => (causes, Some(corrected), rms_n),
-            None => (Vec::new(), None, alone_n),
-        };
-        Ok(Diagnosis {
-            causes,
-            corrected,
-            greatest_left: self.greatest_left,
-            residual_rms_n: [alone_n, with_causes_n],
-            noise_rms_n: (rows.filter.noise_square + rows.filter.steps_square).sqrt(),
-        })
     }
 }
 

@@ -42,12 +42,7 @@ pub(super) struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
-    /// The law with these additional columns; `None` if they cannot be separated.
-    pub fn new(rows: &'a Rows<'a>, others: impl IntoIterator<Item = Vec<f64>>) -> Option<Self> {
-        Self::of(rows, rows.base.iter().cloned().chain(others).collect())
-    }
-
-    /// The fit to all these columns, the first of which is the acceleration.
+    /// The fit to all these columns, the first of which is the acceleration; `None` if they cannot be separated.
     pub fn of(rows: &'a Rows<'a>, columns: Vec<Vec<f64>>) -> Option<Self> {
         let count = columns.len();
         let mut gram = DMatrix::from_fn(count, count, |i, j| if i < j { 0.0 } else { dot(&columns[i], &columns[j]) });
@@ -243,9 +238,8 @@ fn solved(gram: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
 /// The same for several right-hand sides.
 fn part_of(gram: &DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let unit = scales(gram);
-    let right = DMatrix::from_fn(right.nrows(), right.ncols(), |i, j| right[(i, j)] * unit[i]);
-    let part = scaled(gram, &unit).cholesky()?.solve(&right);
-    part.iter()
-        .all(|value| value.is_finite())
-        .then(|| DMatrix::from_fn(part.nrows(), part.ncols(), |i, j| part[(i, j)] * unit[i]))
+    let in_units =
+        |matrix: &DMatrix<f64>| DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] * unit[i]);
+    let part = scaled(gram, &unit).cholesky()?.solve(&in_units(right));
+    part.iter().all(|value| value.is_finite()).then(|| in_units(&part))
 }

@@ -22,7 +22,7 @@ const FOLDER: &str = "host-tools/analysis/src/diagnose";
 const PARTS: &[Heuristic] = &[
     one(
         "reversals are located anew by what was found",
-        &[("search.rs", "Located::of(aligned, self.law, &self.found)", "Located::of(aligned, self.law, &[])")],
+        &[("search.rs", "Rows::of(aligned, self.law, &self.found,", "Rows::of(aligned, self.law, &[],")],
     ),
     one(
         "rows are whitened",
