@@ -144,7 +144,6 @@ impl Asked {
             lowest_hz: self.lowest_hz.unwrap_or(known.lowest_hz),
             highest_hz: self.highest_hz.unwrap_or(known.highest_hz),
             fade_s: self.fade_s.unwrap_or(known.fade_s),
-            ..known
         }
     }
 

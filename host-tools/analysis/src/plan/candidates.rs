@@ -9,13 +9,13 @@ use super::{
     error::PlanError,
     expected::{Expected, GOLDEN},
     information::Information,
-    limits::Limits,
+    limits::{CLEAR, Limits},
     part::Part,
     peaks::Peaks,
 };
 
-/// Amplitudes of a tone relative to the largest one, in addition to that.
-const LOWER: [f64; 1] = [0.4];
+/// Amplitude of a smaller tone, relative to the largest one of its frequency.
+const LOWER: f64 = 0.4;
 /// Number of tones of a multisine.
 const TONES: u32 = 8;
 /// Phases tried for a multisine, to minimise its peaks.
@@ -73,9 +73,7 @@ pub(super) fn candidates(
         let Some(largest) = enlarged(expected, limits, tones)? else { continue };
         let tones = &largest.part.tones;
         if effort.varied && tones.len() == 1 {
-            for part in LOWER {
-                found.extend(seen(expected, limits, scaled(tones, part))?);
-            }
+            found.extend(seen(expected, limits, scaled(tones, LOWER))?);
         }
         found.push(largest);
     }
@@ -182,8 +180,8 @@ fn enlarged(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Op
     let acceleration: f64 = unit.iter().map(|tone| tone.amplitude_m * (TAU * tone.frequency_hz).powi(2)).sum();
     let per_size = mass_kg * acceleration + viscous * kinematic.speed_m_per_s;
     let free_n = limits.force_n - expected.device.coulomb_n;
-    let mut size =
-        limits.room(&kinematic).min(free_n / per_size).min(limits.acceleration_m_per_s2 / acceleration) * NEAR;
+    let greatest = CLEAR * expected.settings.full_scale_acceleration_m_per_s2;
+    let mut size = limits.room(&kinematic).min(free_n / per_size).min(greatest / acceleration) * NEAR;
     let mut best: Option<Candidate> = None;
     for _ in 0..ATTEMPTS {
         let tones = scaled(&unit, size);
@@ -215,7 +213,7 @@ fn seen(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Option
     let fade_s = limits.fade_s.max(0.25 / lowest_hz);
     let (from_s, duration_s) = (fade_s + LEARNT_S, SEEN_S.max(PERIODS / lowest_hz));
     let motion = Excitation::tones(tones.clone()).with_ramp(fade_s);
-    let seen = expected.see(&motion, from_s + duration_s, SEED, Some(from_s))?;
+    let seen = expected.quick().see(&motion, from_s + duration_s, SEED, Some(from_s))?;
     let (shortest_s, peaks) = (2.0 * fade_s + LEAST_PERIODS / lowest_hz, seen.peaks);
     let (part, information) = (Part { tones, duration_s, fade_s }, Information::of(seen, duration_s));
     Ok(information.is_something().then_some(Candidate { part, shortest_s, information, peaks }))

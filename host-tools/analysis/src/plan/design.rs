@@ -141,7 +141,7 @@ impl Search<'_> {
         Some((allowed.into_iter().zip(times).filter(|(_, time)| *time > 0.0).collect(), told))
     }
 
-    /// The minimum time in which the wanted intervals are reached, at most that of the limits.
+    /// The minimum time in which the wanted intervals are reached, within two percent; at most that of the limits.
     fn shortest(&self, way: Way) -> f64 {
         if self.wants.is_empty() {
             return self.limits.duration_s;
@@ -149,7 +149,18 @@ impl Search<'_> {
         let is_enough = |seconds: f64| {
             self.lasting(seconds, way).is_some_and(|(_, told)| MARGIN * widest(&told, self.wants) <= 1.0)
         };
-        least(SHORTEST_S, self.limits.duration_s, is_enough)
+        let (mut low, mut high) = (SHORTEST_S, self.limits.duration_s);
+        if high <= low || !is_enough(high) {
+            return high;
+        }
+        if is_enough(low) {
+            return low;
+        }
+        while high > 1.02 * low {
+            let middle = (low * high).sqrt();
+            if is_enough(middle) { high = middle } else { low = middle }
+        }
+        high
     }
 
     /// The parts with these durations \[s\], the one with the largest force first: from it the estimator learns
@@ -159,7 +170,8 @@ impl Search<'_> {
         let part = |(one, duration_s): (&Candidate, f64)| {
             let mut part = Part { duration_s, ..one.part.clone() };
             for _ in 0..TRIMS {
-                let room = self.limits.room(&self.expected.see(&part.motion(), duration_s, 1, None)?.peaks);
+                let seen = self.expected.quick().see(&part.motion(), duration_s, 1, None)?;
+                let room = self.limits.room(&seen.peaks);
                 if room >= 1.0 {
                     break;
                 }
@@ -315,22 +327,6 @@ pub fn sketch(expected: &Expected, limits: Limits) -> Result<Sketch, PlanError> 
 /// The largest ratio of an interval to the wanted one.
 fn widest(told: &Told, wants: &[Want]) -> f64 {
     wants.iter().map(|want| f64::from(told.budgets[want.place].u95()) / want.u95).fold(0.0, f64::max)
-}
-
-/// The minimum time that is enough, within two percent; the longest if none is.
-fn least(shortest_s: f64, longest_s: f64, is_enough: impl Fn(f64) -> bool) -> f64 {
-    if longest_s <= shortest_s || !is_enough(longest_s) {
-        return longest_s;
-    }
-    if is_enough(shortest_s) {
-        return shortest_s;
-    }
-    let (mut low, mut high) = (shortest_s, longest_s);
-    while high > 1.02 * low {
-        let middle = (low * high).sqrt();
-        if is_enough(middle) { high = middle } else { low = middle }
-    }
-    high
 }
 
 /// Why nothing can be identified.

@@ -83,22 +83,15 @@ impl Expected {
         Self { settings, ..*self }
     }
 
-    /// The same as [`Self::rehearse`], with one reading per sample.
-    pub(super) fn see(
-        &self,
-        motion: &Excitation,
-        duration_s: f64,
-        seed: u64,
-        from_s: Option<f64>,
-    ) -> Result<Seen, PlanError> {
-        let quick = if self.settings.oversampling > 1.0 { self.at_once() } else { *self };
-        quick.rehearse(motion, duration_s, seed, from_s)
+    /// The same for a quick simulation, which takes one reading per sample.
+    pub(super) fn quick(&self) -> Self {
+        if self.settings.oversampling > 1.0 { self.at_once() } else { *self }
     }
 
     /// Simulates the motion of the expected device for this long \[s\] and runs it through the estimator; the seed is
     /// that of the noise, and of the encoder's phase within a count. With a time \[s\] the sums count from then on, and
     /// are also kept by speed.
-    pub(super) fn rehearse(
+    pub(super) fn see(
         &self,
         motion: &Excitation,
         duration_s: f64,

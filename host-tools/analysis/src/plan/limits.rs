@@ -15,7 +15,7 @@ const HIGHEST_HZ: f64 = 25.0;
 /// Advice about a missing stroke.
 const STROKE: &str = "state how far the terminal may move to either side of its middle";
 /// Fraction of an instrument's range that a motion may use.
-const CLEAR: f64 = 0.9;
+pub(super) const CLEAR: f64 = 0.9;
 /// Range of what is more than 0.
 const MORE_THAN_0: (f64, f64) = (f64::from_bits(1), f64::INFINITY);
 /// Minimum encoder counts of a stroke, end to end.
@@ -30,9 +30,6 @@ pub struct Limits {
     pub speed_m_per_s: f64,
     /// Force on the load cell \[N\]; infinite if not stated. The force channel's rails apply in any case.
     pub force_n: f64,
-    /// Acceleration of the screw \[m/s^2\]; the estimator's full scale applies in any case.
-    #[serde(skip)]
-    pub acceleration_m_per_s2: f64,
     /// Length of the motion \[s\].
     pub duration_s: f64,
     /// Lowest frequency \[Hz\].
@@ -52,7 +49,6 @@ impl Default for Limits {
             stroke_m: f64::INFINITY,
             speed_m_per_s: f64::INFINITY,
             force_n: f64::INFINITY,
-            acceleration_m_per_s2: f64::INFINITY,
             duration_s: 20.0,
             lowest_hz: 0.0,
             highest_hz: 16.0,
@@ -131,14 +127,8 @@ impl Limits {
                 help: "allow a larger force, or expect less friction",
             });
         }
-        let full = &expected.settings;
-        Ok(Self {
-            force_n,
-            lowest_hz,
-            speed_m_per_s: self.speed_m_per_s.min(CLEAR * full.full_scale_velocity_m_per_s),
-            acceleration_m_per_s2: self.acceleration_m_per_s2.min(CLEAR * full.full_scale_acceleration_m_per_s2),
-            ..self
-        })
+        let speed_m_per_s = self.speed_m_per_s.min(CLEAR * expected.settings.full_scale_velocity_m_per_s);
+        Ok(Self { force_n, lowest_hz, speed_m_per_s, ..self })
     }
 
     /// Factor by which a motion with these peaks may be enlarged; below 1 if it is too large.

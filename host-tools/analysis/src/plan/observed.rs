@@ -125,7 +125,7 @@ pub fn observed(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Result
     let found = &outcome.estimate.whole_run;
     let Interval { value: inertance_kg, u95 } = found.inertance_kg.fitted();
     if !(inertance_kg > 0.0 && u95 < inertance_kg) {
-        return Err(PlanError::Run { why: "its inertance is not known" });
+        return Err(PlanError::Run);
     }
     let inertance_kg = f64::from(inertance_kg);
     let size = |parameter: &Parameter| f64::from(parameter.fitted().value).max(0.0);

@@ -98,7 +98,7 @@ fn what_calibration_alone_forbids_does_not_stretch_the_motion() {
 fn sums_by_speed_hold_all_updates() {
     let expected = paper();
     let motion = Excitation::parse("mid", 1).unwrap();
-    let seen = expected.see(&motion, 6.0, 3, Some(0.0)).unwrap();
+    let seen = expected.quick().see(&motion, 6.0, 3, Some(0.0)).unwrap();
     let [fast, _] = seen.products;
     let speeds = seen.speeds[0].clone().accumulated();
     let all = speeds.above(1e-9).unwrap();
@@ -123,7 +123,7 @@ fn the_reach_of_a_run_is_that_of_its_motion() {
         replay.step(&raw).for_each(drop);
     }
     let (found, limits) = observed(&replay.outcome(), &expected.settings, &reach).unwrap();
-    let seen = expected.see(&motion, 10.0, 5, None).unwrap();
+    let seen = expected.quick().see(&motion, 10.0, 5, None).unwrap();
     // The screw's, which moves slightly more than the terminal.
     assert!((limits.stroke_m / seen.peaks.stroke_m - 1.0).abs() < 0.1, "{limits:?} {:?}", seen.peaks);
     assert!((limits.speed_m_per_s / seen.peaks.speed_m_per_s - 1.0).abs() < 0.2, "{limits:?} {:?}", seen.peaks);

@@ -128,8 +128,7 @@ pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Res
             given: known.len() as f64 / count,
         }
     };
-    let first = seen.first().ok_or_else(|| PlanError::Nothing { why: "nothing was rehearsed".into() })?;
-    let Detail { band, backlash, .. } = first.outcome.detail;
+    let Detail { band, backlash, .. } = seen[0].outcome.detail;
     Ok(Prediction {
         parameters: std::array::from_fn(predicted),
         backlash,
@@ -144,7 +143,7 @@ pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Res
 fn rehearsed(expected: &Expected, motion: &Excitation, duration_s: f64) -> Result<Vec<Seen>, PlanError> {
     let cores = thread::available_parallelism().map_or(1, usize::from) as u64;
     let share = REHEARSALS.div_ceil(cores);
-    let run = |number: u64| expected.rehearse(motion, duration_s, BEFORE_FIRST + number, None);
+    let run = |number: u64| expected.see(motion, duration_s, BEFORE_FIRST + number, None);
     let part = |first: u64| (first..=REHEARSALS).take(share as usize).map(run).collect::<Result<Vec<_>, _>>();
     thread::scope(|scope| {
         let parts = (1..=REHEARSALS).step_by(share as usize).map(|first| scope.spawn(move || part(first)));

@@ -131,8 +131,7 @@ impl Plan {
         if let Some(text) = &self.given {
             return format!("motion `{text}` of {time}");
         }
-        let why =
-            if self.is_wanted { "as short as the wanted intervals allow" } else { "D-optimal for mt, cf and fc" };
+        let why = if self.is_wanted { "as short as the wanted intervals allow" } else { "D-optimal for mt, cf and fc" };
         format!("motion of {time} within {}, {why}", limits_text(self.machine(), &self.limits))
     }
 

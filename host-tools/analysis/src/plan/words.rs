@@ -8,6 +8,7 @@ use inerter_data::{
 use inerter_plant::Tone;
 
 use super::{limits::Limits, part::Part, peaks::Peaks};
+use crate::law::ends;
 
 /// An amplitude in mm, or in mrad for a rotary machine: `±7.08 mm`.
 fn stroke_text(machine: Machine, metres: f64) -> String {
@@ -21,11 +22,8 @@ pub fn part_text(machine: Machine, part: &Part) -> String {
             format!("{} Hz at {}", three_digits(*frequency_hz), stroke_text(machine, *amplitude_m))
         }
         tones => {
-            let range = |of: fn(&Tone) -> f64| {
-                let each = || tones.iter().map(of);
-                (each().fold(f64::INFINITY, f64::min), each().fold(0.0, f64::max))
-            };
-            let ((low_hz, high_hz), (least, most)) = (range(|tone| tone.frequency_hz), range(|tone| tone.amplitude_m));
+            let (low_hz, high_hz) = ends(tones.iter().map(|tone| tone.frequency_hz));
+            let (least, most) = ends(tones.iter().map(|tone| tone.amplitude_m));
             format!(
                 "{} tones from {} to {} Hz, ±{} to {}",
                 tones.len(),
