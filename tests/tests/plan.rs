@@ -41,7 +41,7 @@ fn a_designed_motion_tells_what_was_predicted_and_more_than_fixed_ones() {
     let bench = bench(1.0, 2.44140625e-6);
     let limits = Limits { stroke_m: 0.006, speed_m_per_s: 0.08, force_n: 900.0, duration_s: 12.0, ..Limits::default() };
     let plan = design(&bench.expected(), limits, &[], |_| ()).unwrap();
-    let reached = bench.reached(&as_written(&plan.motion(), 1000.0).unwrap(), 12.0, 5001, 40).unwrap();
+    let reached = bench.reached(&as_written(&plan.motion, 1000.0).unwrap(), 12.0, 5001, 40).unwrap();
     for (predicted, reached) in plan.prediction.parameters.iter().zip(&reached) {
         assert!((reached.u_a / predicted.u_a() - 1.0).abs() <= WITHIN, "{predicted:?} {reached:?}");
         assert!((reached.u95 / predicted.u95() - 1.0).abs() <= WITHIN, "{predicted:?} {reached:?}");
@@ -61,8 +61,8 @@ fn what_is_wanted_is_had_in_the_time_that_was_said() {
     let limits = Limits { stroke_m: 0.006, speed_m_per_s: 0.08, force_n: 900.0, duration_s: 60.0, ..Limits::default() };
     let wanted = wants::parse("cf to 2 N s/m, fc to 0.2 N", Machine::Linear, bench.expected().law()).unwrap();
     let plan = design(&bench.expected(), limits, &wanted, |_| ()).unwrap();
-    assert!(plan.duration_s() < 55.0, "{}", plan.duration_s());
-    let reached = bench.reached(&plan.motion(), plan.duration_s(), 5001, 40).unwrap();
+    assert!(plan.duration_s < 55.0, "{}", plan.duration_s);
+    let reached = bench.reached(&plan.motion, plan.duration_s, 5001, 40).unwrap();
     for want in &wanted {
         let Reached { u95, covered, .. } = reached[want.place];
         assert!(u95 < 1.15 * want.u95 && covered >= 34, "{want:?}: {u95}, {covered} covered");

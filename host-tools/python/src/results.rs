@@ -6,7 +6,7 @@ use inerter_analysis::{
     compare::Rig,
     diagnose::Encoder,
     identify::{Options, identify as identified},
-    plan::{Asked, Planned},
+    plan::{Asked, Plan},
     results::{self, IdentifyJson},
 };
 use inerter_core::{Machine, Settings};
@@ -180,8 +180,8 @@ pub fn identify(
 type Designed = (String, Vec<String>, Option<String>, Table, Drawn);
 
 /// The planned motion over time.
-fn motion_figure(planned: &Planned) -> Figure {
-    let Settings { machine, sample_rate_hz, .. } = planned.expected().settings;
+fn motion_figure(planned: &Plan) -> Figure {
+    let Settings { machine, sample_rate_hz, .. } = planned.expected.settings;
     let points = planned.points(sample_rate_hz).map(|point| (point.t_s, 1e3 * point.terminal_m)).collect();
     Figure {
         name: "motion",
@@ -233,7 +233,7 @@ pub fn plan(
             fade_s: limit("fade_s"),
         };
         let planned = asked.planned::<Failure>(|part| progress.tell(part))?;
-        let machine = planned.expected().settings.machine;
+        let machine = planned.expected.settings.machine;
         let line = machine_json_line(machine, &planned.json::<()>(&[]));
         let missed = planned.missed().map(|missed| missed.to_string());
         let figure = drawn(&motion_figure(&planned));

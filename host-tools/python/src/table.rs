@@ -7,7 +7,7 @@ use arrow_array::{
     RecordBatchReader, ffi_stream::FFI_ArrowArrayStream,
 };
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
-use inerter_analysis::plan::Planned;
+use inerter_analysis::plan::Plan;
 use inerter_core::Settings;
 use inerter_data::{
     csv::column_names,
@@ -173,8 +173,8 @@ impl Table {
     }
 
     /// The points of a planned motion at the setting `sample_rate_hz`: the motion of the terminal.
-    pub fn motion(planned: &Planned) -> Self {
-        let Settings { machine, sample_rate_hz, .. } = planned.expected().settings;
+    pub fn motion(planned: &Plan) -> Self {
+        let Settings { machine, sample_rate_hz, .. } = planned.expected.settings;
         let (t_s, terminal): (Vec<f64>, Vec<f64>) =
             planned.points(sample_rate_hz).map(|point| (point.t_s, point.terminal_m)).unzip();
         let (rows, (_, name)) = (t_s.len(), column_names(machine));

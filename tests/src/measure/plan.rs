@@ -206,13 +206,13 @@ pub fn measure(_: Asked) -> Measured {
         let expected = bench.expected();
         let wanted = if wants.is_empty() { Vec::new() } else { wants::parse(wants, Machine::Linear, expected.law())? };
         let plan = design(&expected, limits, &wanted, |_| ())?;
-        let written = as_written(&plan.motion(), FILE_HZ)?;
-        let reached = bench.reached(&written, plan.duration_s(), first, seeds)?;
+        let written = as_written(&plan.motion, FILE_HZ)?;
+        let reached = bench.reached(&written, plan.duration_s, first, seeds)?;
         let letter = name.get(..1).unwrap_or_default();
         body += &rows(letter, &plan.prediction, &reached, &mut designed);
         made += &format!("- {name}: {}\n", description(&plan, bench.machine));
         if wanted.is_empty() {
-            beside += &compared(name, bench, Limits { duration_s: plan.duration_s(), ..limits }, &reached)?;
+            beside += &compared(name, bench, Limits { duration_s: plan.duration_s, ..limits }, &reached)?;
         }
     }
     let [fixed, designed] = [fixed, designed].map(|tallies| tallies.map(|tally| tally.text()).join(" | "));

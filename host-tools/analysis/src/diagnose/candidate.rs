@@ -1,15 +1,17 @@
-//! Candidate terms that could be added to the law.
+//! Terms that could be added to the law, and those that were found.
 
 use std::f64::consts::TAU;
 
 use inerter_core::Settings;
+pub use inerter_data::causes::Kind;
 
-use super::kind::Kind;
 use crate::{
     law::{FALLS, Law, MOST_LOAD, TURNS},
     reversals::Moment,
 };
 
+/// F statistic from which a cause is named: a run without a fault does not reach it (docs/tables/diagnose.md).
+pub const LIMIT: f64 = 30.0;
 /// Common encoder counts per revolution; each implies a lead.
 const COUNTS_PER_TURN: [f64; 22] = [
     400.0, 800.0, 1000.0, 1024.0, 1440.0, 1600.0, 2000.0, 2048.0, 2400.0, 4000.0, 4096.0, 5000.0, 7200.0, 8000.0,
@@ -48,14 +50,7 @@ pub struct Encoder {
     pub counts_per_line: Option<f64>,
 }
 
-/// Columns that enter the law together.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Candidate {
-    pub kind: Kind,
-    pub term: Term,
-}
-
-/// A term added to the law.
+/// A term added to the law, of one column or two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Term {
     /// `|F - F0| s`.
@@ -115,6 +110,40 @@ pub(super) enum Shape {
 }
 
 impl Term {
+    /// The cause that it describes.
+    pub fn kind(self) -> Kind {
+        match self {
+            Self::Load => Kind::LoadDependent,
+            Self::Ripple(_) | Self::Uneven(_) => Kind::PositionPeriodic,
+            Self::Wobble(_) => Kind::EncoderError,
+            Self::Falling(_) | Self::Bell(_) => Kind::Stribeck,
+            Self::Turning(_) | Self::Bending(_) => Kind::Presliding,
+            Self::Drift | Self::Warming | Self::Thinning => Kind::Drift,
+            Self::Skew => Kind::Skew,
+            Self::Speed => Kind::Direction,
+            Self::Square => Kind::QuadraticFriction,
+            Self::Spring(_) | Self::Relaxing(_) => Kind::Spring,
+            Self::Bent => Kind::Compliance,
+            Self::Structure(_) => Kind::Structure,
+            Self::Told(..) => Kind::ForceNonlinear,
+        }
+    }
+
+    /// The unit of its size, or of its distance, for a linear machine.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Load | Self::Told(..) => "1",
+            Self::Square => "N s2/m2",
+            Self::Spring(_) | Self::Relaxing(_) => "N/m",
+            Self::Bent => "m/N",
+            Self::Structure(_) => "s2",
+            Self::Wobble(_) | Self::Turning(_) | Self::Bending(_) => "m",
+            Self::Thinning | Self::Speed => "N s/m",
+            Self::Skew => "s",
+            _ => "N",
+        }
+    }
+
     /// Contribution to dry friction and offset at a moment, for unit size; `time` is that of the run, -0.5 to 0.5, and
     /// `turned` the state of a gradually reversing friction at the last reversal. A skew and an encoder error are not
     /// forces.
@@ -200,6 +229,63 @@ impl Term {
             _ => None,
         }
     }
+
+    /// Whether its size is plausible for a machine with this Coulomb friction \[N\], in the term's own unit.
+    pub fn can_be(self, size: f64, coulomb_n: f64) -> bool {
+        let coulomb_n = coulomb_n.max(0.0);
+        match self.kind() {
+            Kind::LoadDependent => (0.0..MOST_LOAD).contains(&size),
+            Kind::Stribeck => (0.0..MOST_SURPLUS * coulomb_n).contains(&size),
+            Kind::Presliding => (0.0..MOST_TURN * coulomb_n).contains(&size),
+            Kind::QuadraticFriction | Kind::Compliance => size > 0.0,
+            Kind::Structure => (0.0..(TAU * LEAST_RESONANCE_HZ).powi(-2)).contains(&size),
+            Kind::ForceNonlinear => size.abs() < MOST_WRONG,
+            // Friction at the reversals resembles a skew of some microseconds (docs/THEORY.md, 14).
+            Kind::Skew => size.abs() >= LEAST_SKEW_S,
+            _ => true,
+        }
+    }
+
+    /// Everything that is tried in this run, and a once-per-revolution force even if the screw covers too little of a
+    /// revolution for that.
+    pub fn all_for(span: &Span, settings: &Settings) -> Vec<Self> {
+        let mut all = Self::all(span, settings, Encoder::default());
+        // The budget has a component for it.
+        all.retain(|term| term.kind() != Kind::Structure);
+        let leads = COUNTS_PER_TURN.iter().map(|counts| counts * settings.metres_per_count.abs());
+        let hidden = leads.filter(|lead| span.stroke_m <= LEAST_TURNS * lead).min_by(f64::total_cmp);
+        all.extend(hidden.map(Self::Ripple));
+        // Not used to name a cause: it explains too much of a short run (docs/THEORY.md, 14).
+        all.push(Self::Bent);
+        all
+    }
+
+    /// Everything that is tried in this run.
+    pub fn all(span: &Span, settings: &Settings, encoder: Encoder) -> Vec<Self> {
+        let mut all = vec![Self::Load, Self::Drift, Self::Warming, Self::Thinning, Self::Skew, Self::Speed];
+        let count_m = settings.metres_per_count.abs();
+        let known = encoder.counts_per_turn.as_ref().map_or(&COUNTS_PER_TURN[..], std::slice::from_ref);
+        for lead_m in known.iter().map(|counts| counts * count_m).filter(|lead| span.stroke_m > LEAST_TURNS * lead) {
+            all.extend([Self::Ripple(lead_m), Self::Uneven(lead_m), Self::Wobble(lead_m)]);
+        }
+        all.push(Self::Wobble(encoder.counts_per_line.unwrap_or(COUNTS_PER_LINE) * count_m));
+        for velocity in FALLS.map(|part| part * span.velocity_rms) {
+            all.extend([Self::Falling(velocity), Self::Bell(velocity)]);
+        }
+        for distance in TURNS.map(|part| part * span.stroke_m) {
+            all.extend([Self::Turning(distance), Self::Bending(distance)]);
+        }
+        all.extend([Self::Square, Self::Spring(span.middle_m)]);
+        all.extend(RELAXES.map(|part| Self::Relaxing(part * span.stroke_m / span.velocity_rms)));
+        let told =
+            [Shape::Bow, Shape::Cube, Shape::Dead, Shape::Hysteresis].into_iter().chain(RANGES.map(Shape::Range));
+        all.extend(told.map(|shape| Self::Told(shape, span.force_n)));
+        // With a known stiffness its motion is known.
+        if settings.stiffness_n_per_m == 0.0 {
+            all.extend(LETS_GO_S.map(Self::Structure));
+        }
+        all
+    }
 }
 
 impl Shape {
@@ -216,74 +302,28 @@ impl Shape {
     }
 }
 
-impl Candidate {
-    /// Whether its size is plausible for a machine, in the term's own unit.
-    pub fn can_be(self, size: f64, law: &Law) -> bool {
-        let coulomb_n = law.coulomb_n.max(0.0);
-        match self.term {
-            Term::Load => (0.0..MOST_LOAD).contains(&size),
-            Term::Falling(_) | Term::Bell(_) => (0.0..MOST_SURPLUS * coulomb_n).contains(&size),
-            Term::Turning(_) | Term::Bending(_) => (0.0..MOST_TURN * coulomb_n).contains(&size),
-            Term::Square | Term::Bent => size > 0.0,
-            Term::Structure(_) => (0.0..(TAU * LEAST_RESONANCE_HZ).powi(-2)).contains(&size),
-            Term::Told(..) => size.abs() < MOST_WRONG,
-            // Friction at the reversals resembles a skew of some microseconds (docs/THEORY.md, 14).
-            Term::Skew => size.abs() >= LEAST_SKEW_S,
-            _ => true,
-        }
+/// One cause that was found.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Found {
+    pub term: Term,
+    pub sizes: [f64; 2],
+    /// Square that it explains in addition to all others, relative to the noise of one observation.
+    pub strength: f64,
+    /// Another kind that explains as much.
+    pub rival: Option<Kind>,
+    /// All of the Coulomb friction reverses gradually, so that it has no size of its own.
+    pub is_whole: bool,
+}
+
+impl Found {
+    /// Number of coefficients of its own in a fit.
+    pub fn width(&self) -> usize {
+        if self.is_whole { 0 } else { self.term.width() }
     }
 
-    /// Everything that is tried in this run, and a once-per-revolution force even if the screw covers too little of a
-    /// revolution for that.
-    pub fn all_for(span: &Span, settings: &Settings) -> Vec<Self> {
-        let mut all = Self::all(span, settings, Encoder::default());
-        // The budget has a component for it.
-        all.retain(|candidate| candidate.kind != Kind::Structure);
-        let leads = COUNTS_PER_TURN.iter().map(|counts| counts * settings.metres_per_count.abs());
-        let hidden = leads.filter(|lead| span.stroke_m <= LEAST_TURNS * lead).min_by(f64::total_cmp);
-        all.extend(hidden.map(|lead_m| Self { kind: Kind::PositionPeriodic, term: Term::Ripple(lead_m) }));
-        // Not used to name a cause: it explains too much of a short run (docs/THEORY.md, 14).
-        all.push(Self { kind: Kind::Compliance, term: Term::Bent });
-        all
-    }
-
-    /// Everything that is tried in this run.
-    pub fn all(span: &Span, settings: &Settings, encoder: Encoder) -> Vec<Self> {
-        let one = |kind, term| Self { kind, term };
-        let mut all = vec![
-            one(Kind::LoadDependent, Term::Load),
-            one(Kind::Drift, Term::Drift),
-            one(Kind::Drift, Term::Warming),
-            one(Kind::Drift, Term::Thinning),
-            one(Kind::Skew, Term::Skew),
-            one(Kind::Direction, Term::Speed),
-        ];
-        let count_m = settings.metres_per_count.abs();
-        let known = encoder.counts_per_turn.as_ref().map_or(&COUNTS_PER_TURN[..], std::slice::from_ref);
-        for lead_m in known.iter().map(|counts| counts * count_m).filter(|lead| span.stroke_m > LEAST_TURNS * lead) {
-            let periodic = [Term::Ripple(lead_m), Term::Uneven(lead_m)];
-            all.extend(periodic.map(|term| one(Kind::PositionPeriodic, term)));
-            all.push(one(Kind::EncoderError, Term::Wobble(lead_m)));
-        }
-        let line_m = encoder.counts_per_line.unwrap_or(COUNTS_PER_LINE) * count_m;
-        all.push(one(Kind::EncoderError, Term::Wobble(line_m)));
-        for velocity in FALLS.map(|part| part * span.velocity_rms) {
-            all.extend([Term::Falling(velocity), Term::Bell(velocity)].map(|term| one(Kind::Stribeck, term)));
-        }
-        for distance in TURNS.map(|part| part * span.stroke_m) {
-            all.extend([Term::Turning(distance), Term::Bending(distance)].map(|term| one(Kind::Presliding, term)));
-        }
-        all.extend([one(Kind::QuadraticFriction, Term::Square), one(Kind::Spring, Term::Spring(span.middle_m))]);
-        let relaxes = RELAXES.map(|part| Term::Relaxing(part * span.stroke_m / span.velocity_rms));
-        all.extend(relaxes.map(|term| one(Kind::Spring, term)));
-        let told =
-            [Shape::Bow, Shape::Cube, Shape::Dead, Shape::Hysteresis].into_iter().chain(RANGES.map(Shape::Range));
-        all.extend(told.map(|shape| one(Kind::ForceNonlinear, Term::Told(shape, span.force_n))));
-        // With a known stiffness its motion is known.
-        if settings.stiffness_n_per_m == 0.0 {
-            all.extend(LETS_GO_S.map(|time_s| one(Kind::Structure, Term::Structure(time_s))));
-        }
-        all
+    /// F statistic: what it explains per column.
+    pub fn f(&self) -> f64 {
+        self.strength / self.term.width() as f64
     }
 }
 
@@ -325,13 +365,11 @@ mod tests {
 
     #[test]
     fn what_no_machine_has_is_no_cause() {
-        let law = Law { coulomb_n: 50.0, ..Law::default() };
-        let can_be = |kind, term, size| Candidate { kind, term }.can_be(size, &law);
-        assert!(can_be(Kind::LoadDependent, Term::Load, 0.04) && !can_be(Kind::LoadDependent, Term::Load, -0.04));
+        assert!(Term::Load.can_be(0.04, 50.0) && !Term::Load.can_be(-0.04, 50.0));
         let falling = Term::Falling(1e-3);
-        assert!(can_be(Kind::Stribeck, falling, 15.0) && !can_be(Kind::Stribeck, falling, 101.0));
-        assert!(can_be(Kind::Skew, Term::Skew, -1e-3) && !can_be(Kind::Skew, Term::Skew, 10e-6));
-        assert!(can_be(Kind::Drift, Term::Drift, -5.0));
+        assert!(falling.can_be(15.0, 50.0) && !falling.can_be(101.0, 50.0));
+        assert!(Term::Skew.can_be(-1e-3, 50.0) && !Term::Skew.can_be(10e-6, 50.0));
+        assert!(Term::Drift.can_be(-5.0, 50.0));
     }
 
     /// Revolutions of which the motion covers too little are not searched, and a given one is the only one.
@@ -340,8 +378,8 @@ mod tests {
         let span = Span { duration_s: 20.0, stroke_m: 4e-3, velocity_rms: 0.05, ..Span::default() };
         let settings = Settings { metres_per_count: 2.5e-6, ..Settings::default() };
         let leads = |encoder| -> Vec<f64> {
-            let all = Candidate::all(&span, &settings, encoder);
-            all.iter().filter_map(|one| if let Term::Ripple(lead_m) = one.term { Some(lead_m) } else { None }).collect()
+            let all = Term::all(&span, &settings, encoder).into_iter();
+            all.filter_map(|term| if let Term::Ripple(lead_m) = term { Some(lead_m) } else { None }).collect()
         };
         let usual = leads(Encoder::default());
         assert!(usual.len() > 10 && usual.iter().all(|lead_m| LEAST_TURNS * lead_m < 4e-3), "{usual:?}");

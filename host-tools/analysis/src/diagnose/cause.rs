@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use inerter_core::Machine;
 use inerter_data::{names::description, words::interval_text};
 
-use super::kind::Kind;
+use super::candidate::Kind;
 
 /// One cause.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,11 +8,12 @@ use inerter_core::{
 };
 use inerter_data::series::{Series, Stretch};
 
-pub(super) use super::candidate::{Candidate, Span, Term};
-use super::candidate::{HYSTERESIS, Shape};
-use super::filter::Filter;
+use super::{
+    candidate::{Found, HYSTERESIS, Kind, Shape, Span, Term},
+    filter::Filter,
+};
 use crate::{
-    law::{Law, around, mark, mean, stands},
+    law::{Law, around, ends, mark, mean, stands},
     reversals::{Moment, Reversal, Turns, velocity_noise},
 };
 
@@ -41,9 +42,6 @@ impl Piece<'_> {
     }
 }
 
-/// A term found in addition to the law, with its size.
-pub(super) type Known = (Term, [f64; 2]);
-
 /// The rows of a run.
 pub(super) struct Rows<'a> {
     pub filter: Filter,
@@ -62,28 +60,25 @@ pub(super) struct Rows<'a> {
     pub kept: f64,
 }
 
-/// A run with located reversals.
-pub(super) struct Located<'a> {
-    series: &'a Series,
-    law: Law,
-    span: Span,
-    /// Friction that may hold the screw at rest \[N\].
-    rest_n: f64,
-    pieces: Vec<(&'a Stretch, Turns)>,
-}
-
-impl<'a> Located<'a> {
-    /// Located with this law and the known terms.
-    pub fn of(series: &'a Series, law: Law, known: &[Known]) -> Self {
+impl<'a> Rows<'a> {
+    /// Rows for all samples in motion, with reversals located by this law and the causes found; the filter may depend
+    /// on how often each stroke has repeated.
+    pub fn of(
+        series: &'a Series,
+        law: Law,
+        found: &[Found],
+        settings: &Settings,
+        filter: impl FnOnce(f64) -> Filter,
+    ) -> Self {
         let period_s = series.period_s;
         let from_s = series.stretches.first().map_or(0.0, |stretch| stretch.start_s);
         let end = |stretch: &Stretch| stretch.start_s + stretch.force_n.len() as f64 * period_s;
         let to_s = series.stretches.last().map_or(from_s, end);
-        let span = Span { from_s, duration_s: to_s - from_s, ..Span::default() };
-        let pieces = series.stretches.iter().map(|stretch| {
+        let mut span = Span { from_s, duration_s: to_s - from_s, ..Span::default() };
+        let located = series.stretches.iter().map(|stretch| {
             let friction = |moment: &Moment| {
                 let time = span.time(stretch.start_s + moment.at * period_s);
-                let beside = known.iter().map(|(term, sizes)| {
+                let beside = found.iter().map(|Found { term, sizes, .. }| {
                     let [first, second] = term.at(moment, &law, time, -moment.sign);
                     sizes[0] * first + sizes[1] * second
                 });
@@ -91,90 +86,53 @@ impl<'a> Located<'a> {
             };
             (stretch, Turns::with(stretch, period_s, &law, &friction))
         });
-        let surplus = known.iter().filter(|(term, _)| matches!(term, Term::Falling(_) | Term::Bell(_)));
-        let rest_n = (law.coulomb_n + surplus.map(|(_, sizes)| sizes[0]).sum::<f64>()).abs();
-        Self { series, law, span, rest_n, pieces: pieces.collect() }
-    }
-
-    /// How often each stroke has repeated sample by sample, as the device counts it.
-    pub fn repeats(&self, settings: &Settings) -> f64 {
-        let code_m = settings.metres_per_count / settings.oversampling;
-        let mut repeats = Repeats::new();
-        for (stretch, turns) in &self.pieces {
-            let mut next = turns.reversals.iter().map(|reversal| reversal.at.round() as usize).peekable();
-            let mut sum = 0_i32;
-            for (n, position) in stretch.position_m.iter().enumerate() {
-                let codes = (position / code_m).round() as i64 as i32;
-                sum = sum.wrapping_add(codes);
-                if next.next_if_eq(&n).is_some() {
-                    repeats.push(n as u32, codes, sum, settings.oversampling as u32);
-                }
-            }
-        }
-        let (strokes, squares) = repeats.strokes_and_squares();
-        if strokes == 0 { 1.0 } else { squares as f64 / f64::from(strokes) }
-    }
-}
-
-impl<'a> Rows<'a> {
-    /// Rows for all samples in motion, through this filter.
-    pub fn through(located: Located<'a>, settings: &Settings, filter: Filter) -> Self {
-        let Located { series, law, mut span, rest_n, pieces } = located;
-        let period_s = series.period_s;
+        let located: Vec<(&Stretch, Turns)> = located.collect();
+        // Friction that may hold the screw at rest.
+        let surplus = found.iter().filter(|one| one.term.kind() == Kind::Stribeck).map(|one| one.sizes[0]);
+        let rest_n = (law.coulomb_n + surplus.sum::<f64>()).abs();
+        let filter = filter(repeats(&located, settings));
         let kernels = &filter.kernels;
         let middle_reach = kernels.reach() + kernels.box_samples;
         let wide = filter.whitening.len() / 2;
         let reach = middle_reach + wide * filter.spacing;
         let thinned = series.len().div_ceil(filter.spacing * MOST_ROWS).max(1);
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        let (mut square, mut could, mut count) = (0.0, 0, 0);
-        let pieces = pieces.into_iter().map(|(stretch, turns)| {
+        let mut could = 0_usize;
+        let pieces = located.into_iter().map(|(stretch, turns)| {
             let mut still = still(stretch, &turns, period_s, settings, law.offset_n, rest_n);
             if kernels.box_samples as f64 * period_s > FAST_BOX_S {
                 keep_step(stretch, kernels.box_samples, settings.metres_per_count.abs(), &mut still);
             }
-            // Cumulative number of samples at rest.
-            let mut rests = Vec::with_capacity(still.len() + 1);
-            rests.push(0_usize);
-            rests.extend(still.iter().scan(0, |sum, still| {
-                *sum += usize::from(*still);
-                Some(*sum)
-            }));
+            let rests: Vec<usize> = still.iter().enumerate().filter(|(_, still)| **still).map(|(at, _)| at).collect();
             let length = stretch.force_n.len();
             let grid: Vec<usize> =
                 (middle_reach..length.saturating_sub(middle_reach)).step_by(filter.spacing).collect();
-            let mut rows = Vec::new();
-            for place in (wide..grid.len().saturating_sub(wide)).step_by(thinned) {
-                let middle = grid[place];
-                could += 1;
-                let ends = [middle.saturating_sub(reach), (middle + reach).min(length)].map(|end| rests.get(end));
-                if ends[0] != ends[1] {
-                    continue;
-                }
-                rows.push(place);
-                let moment = &turns.moments[middle];
-                (low, high) = (low.min(moment.position_m), high.max(moment.position_m));
-                square += moment.velocity * moment.velocity;
-                count += 1;
-                span.force_n = span.force_n.max((moment.force_n - law.offset_n).abs());
-            }
+            let mut rows: Vec<usize> = (wide..grid.len().saturating_sub(wide)).step_by(thinned).collect();
+            could += rows.len();
+            rows.retain(|row| {
+                let ends = [grid[*row].saturating_sub(reach), grid[*row] + reach];
+                let [before, within] = ends.map(|end| rests.partition_point(|at| *at < end));
+                before == within
+            });
             Piece { stretch, turns, grid, rows }
         });
         let pieces: Vec<Piece> = pieces.collect();
+        let moving = pieces.iter().flat_map(|piece| piece.middles().map(|middle| &piece.turns.moments[middle]));
+        let moving: Vec<&Moment> = moving.collect();
+        let count = moving.len().max(1) as f64;
+        let (low, high) = ends(moving.iter().map(|moment| moment.position_m));
         span.stroke_m = (high - low).max(0.0);
         span.middle_m = 0.5 * (high + low);
-        span.velocity_rms = (square / f64::from(count.max(1))).sqrt();
+        span.velocity_rms = (moving.iter().map(|moment| moment.velocity * moment.velocity).sum::<f64>() / count).sqrt();
+        span.force_n = moving.iter().map(|moment| (moment.force_n - law.offset_n).abs()).fold(0.0, f64::max);
         let rows_apart = (filter.spacing * thinned) as f64;
         let per_observation = (CORRELATION_BOXES * kernels.box_samples as f64 / rows_apart).max(1.0);
-        let kept = f64::from(count) / f64::from(could.max(1));
+        let kept = moving.len() as f64 / could.max(1) as f64;
         let empty = [const { Vec::new() }; 4];
         let mut rows =
             Self { filter, law, period_s, pieces, span, force: Vec::new(), base: empty, per_observation, kept };
         let kernels = &rows.filter.kernels;
-        let force = rows.filtered(|_, piece, middle| {
-            let measured = kernels.measured(piece.stretch, settings, middle);
-            measured.force_n - settings.structure_mass_kg * measured.stretch
-        });
+        let force =
+            rows.filtered(|_, piece, middle| kernels.measured(piece.stretch, settings, middle).on_screw_n(settings));
         let position = |taps| rows.filtered(|_, piece, middle| around(taps, &piece.stretch.position_m, middle));
         let (acceleration, velocity) = (position(&kernels.second), position(&kernels.rate));
         let sign = rows.filtered(|_, piece, middle| around(&kernels.sign, &piece.turns.signs, middle));
@@ -237,95 +195,82 @@ impl<'a> Rows<'a> {
 
     /// The columns of a term, one value per row.
     pub fn columns(&self, term: Term) -> Vec<Vec<f64>> {
-        let Law { inertance_kg, viscous_n_s_per_m, .. } = self.law;
-        let kernels = &self.filter.kernels;
-        let by_force = |signal: &[f64], middle: usize| around(&kernels.force, signal, middle);
-        // The effect of a position error through the law.
-        let as_position = |signal: &[f64], middle: usize| {
-            let inertia = inertance_kg * around(&kernels.second, signal, middle);
-            -inertia - viscous_n_s_per_m * around(&kernels.rate, signal, middle)
-        };
-        let column = match term {
-            Term::Ripple(lead_m) => return self.waves(lead_m, |_| 1.0, by_force),
-            Term::Wobble(lead_m) => return self.waves(lead_m, |_| 1.0, as_position),
-            Term::Uneven(lead_m) => {
-                return self.waves(lead_m, |sign| sign, |signal, middle| around(&kernels.sign, signal, middle));
-            }
-            Term::Bent => self.filtered(|_, piece, middle| as_position(&piece.stretch.force_n, middle)),
-            Term::Structure(time_s) => {
-                let third = self.filtered(|_, piece, middle| around(&kernels.third, &piece.stretch.force_n, middle));
-                self.curvature().into_iter().zip(third).map(|(second, third)| second - time_s * third).collect()
-            }
-            Term::Spring(middle_m) => {
-                self.through_kernel(|piece| piece.stretch.position_m.iter().map(|x| x - middle_m).collect(), by_force)
-            }
-            Term::Relaxing(time_s) => self.through_kernel(
-                |piece| relaxing(&piece.stretch.position_m, time_s / self.period_s).collect(),
-                by_force,
-            ),
-            Term::Told(Shape::Hysteresis, most_n) => self.through_kernel(
-                |piece| lagging(&piece.stretch.force_n, HYSTERESIS * most_n).map(|lag| lag / HYSTERESIS).collect(),
-                by_force,
-            ),
-            Term::Told(shape, most_n) => self.through_kernel(
-                |piece| {
-                    let forces = piece.stretch.force_n.iter();
-                    forces.map(|force| most_n * shape.of((force - self.law.offset_n) / most_n)).collect()
-                },
-                by_force,
-            ),
-            Term::Load | Term::Falling(_) | Term::Bell(_) | Term::Square => {
-                self.signal(|piece| piece.turns.means(|moment| term.at(moment, &self.law, 0.0, 0.0)[0]))
-            }
-            Term::Turning(_) | Term::Bending(_) => self.signal(|piece| {
-                let turned = turned(&piece.turns.reversals, term);
-                piece.turns.means(|moment| {
-                    let turned = turned.get(moment.stroke).copied().unwrap_or(moment.sign);
-                    term.at(moment, &self.law, 0.0, turned)[0]
-                })
-            }),
+        (0..term.width()).map(|number| self.column(term, number)).collect()
+    }
+
+    fn column(&self, term: Term, number: usize) -> Vec<f64> {
+        match term {
             Term::Drift => self.timed(&self.base[3]),
             Term::Warming => self.timed(&self.base[2]),
             Term::Thinning => self.timed(&self.base[1]),
-            Term::Skew => self.filtered(|_, piece, middle| -around(&kernels.rate, &piece.stretch.force_n, middle)),
-            Term::Speed => self.through_kernel(
-                |piece| {
-                    let positions = &piece.stretch.position_m;
-                    let steps = positions.iter().zip(positions.iter().skip(1)).zip(piece.turns.signs.windows(2));
-                    let further = steps.scan(0.0, |path, ((a, b), signs)| {
-                        *path += (b - a) * 0.5 * signs.iter().sum::<f64>();
-                        Some(*path)
-                    });
-                    std::iter::once(0.0).chain(further).collect()
-                },
-                |path, middle| around(&kernels.rate, path, middle),
-            ),
-        };
-        vec![column]
+            Term::Structure(time_s) => {
+                let third = &self.filter.kernels.third;
+                let third = self.filtered(|_, piece, middle| around(third, &piece.stretch.force_n, middle));
+                self.curvature().into_iter().zip(third).map(|(second, third)| second - time_s * third).collect()
+            }
+            _ => {
+                let signals: Vec<Vec<f64>> = self.pieces.iter().map(|piece| self.signal(term, number, piece)).collect();
+                self.filtered(|piece, _, middle| self.through_kernel(term, &signals[piece], middle))
+            }
+        }
     }
 
-    /// A signal of each stretch, passed through a kernel.
-    fn through_kernel(&self, signal: impl Fn(&Piece) -> Vec<f64>, kernel: impl Fn(&[f64], usize) -> f64) -> Vec<f64> {
-        let signals: Vec<Vec<f64>> = self.pieces.iter().map(signal).collect();
-        self.filtered(|number, _, middle| kernel(&signals[number], middle))
+    /// The signal of a term's column in a stretch.
+    fn signal(&self, term: Term, number: usize, piece: &Piece) -> Vec<f64> {
+        let Piece { stretch: Stretch { position_m, force_n, .. }, turns, .. } = piece;
+        match term {
+            Term::Ripple(period_m) | Term::Uneven(period_m) | Term::Wobble(period_m) => {
+                let wave: fn(f64) -> f64 = if number == 0 { f64::sin } else { f64::cos };
+                let waves = position_m.iter().map(|x| wave(TAU * x / period_m));
+                match term {
+                    Term::Uneven(_) => waves.zip(&turns.signs).map(|(wave, sign)| wave * sign).collect(),
+                    _ => waves.collect(),
+                }
+            }
+            Term::Spring(middle_m) => position_m.iter().map(|x| x - middle_m).collect(),
+            Term::Relaxing(time_s) => relaxing(position_m, time_s / self.period_s).collect(),
+            Term::Told(Shape::Hysteresis, most_n) => {
+                lagging(force_n, HYSTERESIS * most_n).map(|lag| lag / HYSTERESIS).collect()
+            }
+            Term::Told(shape, most_n) => {
+                force_n.iter().map(|force| most_n * shape.of((force - self.law.offset_n) / most_n)).collect()
+            }
+            Term::Bent | Term::Skew => force_n.clone(),
+            // The path.
+            Term::Speed => {
+                let steps = position_m.iter().zip(position_m.iter().skip(1)).zip(turns.signs.windows(2));
+                let further = steps.scan(0.0, |path, ((a, b), signs)| {
+                    *path += (b - a) * 0.5 * signs.iter().sum::<f64>();
+                    Some(*path)
+                });
+                std::iter::once(0.0).chain(further).collect()
+            }
+            _ => {
+                let turned = turned(&turns.reversals, term);
+                turns.means(|moment| {
+                    let turned = turned.get(moment.stroke).copied().unwrap_or(moment.sign);
+                    term.at(moment, &self.law, 0.0, turned)[0]
+                })
+            }
+        }
     }
 
-    /// A signal that is a mean over each sample, like the sign.
-    fn signal(&self, signal: impl Fn(&Piece) -> Vec<f64>) -> Vec<f64> {
+    /// What the kernel of a term makes of its signal.
+    fn through_kernel(&self, term: Term, signal: &[f64], middle: usize) -> f64 {
         let kernels = &self.filter.kernels;
-        self.through_kernel(signal, |signal, middle| around(&kernels.sign, signal, middle))
-    }
-
-    /// Sine and cosine of the position, with the size that each sample's sign gives them.
-    fn waves(&self, lead_m: f64, size: fn(f64) -> f64, kernel: impl Fn(&[f64], usize) -> f64) -> Vec<Vec<f64>> {
-        let wave = |function: fn(f64) -> f64| {
-            let signal = |piece: &Piece| -> Vec<f64> {
-                let samples = piece.stretch.position_m.iter().zip(&piece.turns.signs);
-                samples.map(|(x, sign)| function(TAU * x / lead_m) * size(*sign)).collect()
-            };
-            self.through_kernel(signal, &kernel)
-        };
-        vec![wave(f64::sin), wave(f64::cos)]
+        let by = |taps: &[f64]| around(taps, signal, middle);
+        match term {
+            // The effect of a position error through the law.
+            Term::Wobble(_) | Term::Bent => {
+                let inertia = self.law.inertance_kg * by(&kernels.second);
+                -inertia - self.law.viscous_n_s_per_m * by(&kernels.rate)
+            }
+            Term::Skew => -by(&kernels.rate),
+            Term::Speed => by(&kernels.rate),
+            Term::Ripple(_) | Term::Spring(_) | Term::Relaxing(_) | Term::Told(..) => by(&kernels.force),
+            // A mean over each sample, like the sign.
+            _ => by(&kernels.sign),
+        }
     }
 
     /// A column multiplied by the time of each row in the run.
@@ -336,6 +281,25 @@ impl<'a> Rows<'a> {
             .flat_map(|piece| piece.middles().map(|middle| piece.stretch.start_s + middle as f64 * self.period_s));
         column.iter().zip(middles).map(|(value, t_s)| value * self.span.time(t_s)).collect()
     }
+}
+
+/// How often each stroke has repeated sample by sample, as the device counts it.
+fn repeats(located: &[(&Stretch, Turns)], settings: &Settings) -> f64 {
+    let code_m = settings.metres_per_count / settings.oversampling;
+    let mut repeats = Repeats::new();
+    for (stretch, turns) in located {
+        let mut next = turns.reversals.iter().map(|reversal| reversal.at.round() as usize).peekable();
+        let mut sum = 0_i32;
+        for (n, position) in stretch.position_m.iter().enumerate() {
+            let codes = (position / code_m).round() as i64 as i32;
+            sum = sum.wrapping_add(codes);
+            if next.next_if_eq(&n).is_some() {
+                repeats.push(n as u32, codes, sum, settings.oversampling as u32);
+            }
+        }
+    }
+    let (strokes, squares) = repeats.strokes_and_squares();
+    if strokes == 0 { 1.0 } else { squares as f64 / f64::from(strokes) }
 }
 
 /// The relaxing part of a signal's travel, with this time constant \[samples\].

@@ -71,16 +71,23 @@ pub(super) struct Filter {
 }
 
 impl Filter {
-    /// Short boxes with whitening of their noise, or long boxes alone.
-    pub fn of(sight: Sight, period_s: f64, settings: &Settings, law: &Law, noise_n: f64, repeats: f64) -> Self {
-        let kernels = Kernels::of_box(
-            match sight {
-                Sight::White(_) => BOX_S,
-                Sight::Box(box_s) => box_s,
-            },
-            period_s,
-        );
-        let spacing = (kernels.box_samples / 2).max(1);
+    /// Short boxes with whitening of their noise, or long boxes alone; grid points are half a box apart, and at least
+    /// `least_spacing` samples.
+    pub fn of(
+        sight: Sight,
+        least_spacing: usize,
+        period_s: f64,
+        settings: &Settings,
+        law: &Law,
+        noise_n: f64,
+        repeats: f64,
+    ) -> Self {
+        let box_s = match sight {
+            Sight::White(_) => BOX_S,
+            Sight::Box(box_s) => box_s,
+        };
+        let kernels = Kernels::of_box(box_s, period_s);
+        let spacing = (kernels.box_samples / 2).max(least_spacing).max(1);
         let whitening = match sight {
             Sight::White(widest_s) => {
                 let step_n = law.inertance_kg.abs() * settings.metres_per_count.abs() * (ROUNDING * repeats).sqrt();
@@ -88,18 +95,6 @@ impl Filter {
             }
             Sight::Box(_) => vec![1.0],
         };
-        Self { repeats, ..Self::with(kernels, spacing, whitening, settings, law, noise_n) }
-    }
-
-    /// These kernels, and a whitening of their noise: `[1.0]` is none.
-    pub fn with(
-        kernels: Kernels,
-        spacing: usize,
-        whitening: Vec<f64>,
-        settings: &Settings,
-        law: &Law,
-        noise_n: f64,
-    ) -> Self {
         // The combined kernel, tap by tap.
         let whole = |taps: &[f64]| {
             let mut whole = vec![0.0; taps.len() + (whitening.len() - 1) * spacing];
@@ -126,7 +121,7 @@ impl Filter {
             kernels,
             spacing,
             whitening,
-            repeats: 1.0,
+            repeats,
         }
     }
 

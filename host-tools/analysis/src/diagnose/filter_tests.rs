@@ -27,7 +27,7 @@ fn the_noise_is_read_off_the_force_whatever_the_motion() {
 fn noise_and_steps_are_white_behind_the_filter() {
     let law = Law { inertance_kg: 300.0, ..Law::default() };
     let settings = Settings { metres_per_count: 2.44e-6, ..Settings::default() };
-    let filter = Filter::of(Sight::White(0.08), 1e-3, &settings, &law, 1.0, 1.0);
+    let filter = Filter::of(Sight::White(0.08), 1, 1e-3, &settings, &law, 1.0, 1.0);
     let (force, steps) = (noise(60_000), noise(120_000).split_off(60_000));
     let step_m = settings.metres_per_count * ROUNDING.sqrt();
     let Filter { kernels, whitening, spacing, .. } = &filter;
@@ -43,6 +43,6 @@ fn noise_and_steps_are_white_behind_the_filter() {
         assert!((lag(apart) / lag(0)).abs() < 0.15, "{apart}: {}", lag(apart) / lag(0));
     }
     // Steps that repeat four times are at least half again as large.
-    let repeated = Filter::of(Sight::White(0.08), 1e-3, &settings, &law, 1.0, 4.0);
+    let repeated = Filter::of(Sight::White(0.08), 1, 1e-3, &settings, &law, 1.0, 4.0);
     assert!(filter.inflation() == 1.0 && repeated.inflation() > 1.5 && repeated.steps_square < filter.steps_square);
 }

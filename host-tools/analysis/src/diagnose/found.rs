@@ -1,8 +1,8 @@
 //! The causes found: fits them together, and searches each velocity and distance with all the others included.
 
 use super::{
-    columns::{Candidate, Known, Rows, Term},
-    kind::{Kind, LIMIT},
+    candidate::{Found, Kind, LIMIT, Term},
+    columns::Rows,
     selection::{Model, SIGN},
 };
 use crate::law::Law;
@@ -16,36 +16,11 @@ const STEPS: usize = 12;
 /// The golden section.
 const GOLDEN: f64 = 0.618_033_988_75;
 
-/// One cause that was found.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Found {
-    pub candidate: Candidate,
-    pub sizes: [f64; 2],
-    /// Square that it explains in addition to all others, relative to the noise of one observation.
-    pub strength: f64,
-    /// Another kind that explains as much.
-    pub rival: Option<Kind>,
-    /// All of the Coulomb friction reverses gradually, so that it has no size of its own.
-    pub is_whole: bool,
-}
-
-impl Found {
-    /// F statistic: what it explains per column.
-    pub fn f(&self) -> f64 {
-        self.strength / self.candidate.term.width() as f64
-    }
-
-    /// A candidate with this evidence.
-    pub fn new(candidate: Candidate, sizes: [f64; 2], strength: f64) -> Self {
-        Self { candidate, sizes, strength, rival: None, is_whole: false }
-    }
-}
-
 /// The law with all causes found; `None` if the motion cannot separate them.
 pub(super) fn model<'a>(rows: &'a Rows<'a>, found: &[Found]) -> Option<Model<'a>> {
     let mut columns: Vec<Vec<f64>> = rows.base.to_vec();
     for one in found {
-        let new = rows.columns(one.candidate.term);
+        let new = rows.columns(one.term);
         if one.is_whole {
             columns[SIGN].iter_mut().zip(&new[0]).for_each(|(sign, turned)| *sign += turned);
         } else {
@@ -57,29 +32,20 @@ pub(super) fn model<'a>(rows: &'a Rows<'a>, found: &[Found]) -> Option<Model<'a>
 
 /// Takes the law's values and the sizes from this model.
 pub(super) fn taken(model: &Model, found: &mut [Found]) -> Law {
-    let value = |place: usize| model.value(place);
+    let values = &model.values;
     let mut place = 4;
     for one in found {
-        if one.is_whole {
-            one.sizes = [value(SIGN), 0.0];
-            continue;
-        }
-        let width = one.candidate.term.width();
-        one.sizes = [value(place), if width == 2 { value(place + 1) } else { 0.0 }];
-        place += width;
+        let first = if one.is_whole { SIGN } else { place };
+        one.sizes = [values[first], if one.width() == 2 { values[first + 1] } else { 0.0 }];
+        place += one.width();
     }
-    Law { inertance_kg: value(0), viscous_n_s_per_m: value(1), coulomb_n: value(2), offset_n: value(3) }
-}
-
-/// The known terms.
-pub(super) fn known(found: &[Found]) -> Vec<Known> {
-    found.iter().map(|one| (one.candidate.term, one.sizes)).collect()
+    Law { inertance_kg: values[0], viscous_n_s_per_m: values[1], coulomb_n: values[2], offset_n: values[3] }
 }
 
 /// Searches velocities and distances again, each with all other causes included, for either shape of the term.
 pub(super) fn refine(rows: &Rows, found: &mut [Found]) {
     for place in 0..found.len() {
-        let term = found[place].candidate.term;
+        let term = found[place].term;
         if term.scale().is_none() {
             continue;
         }
@@ -87,7 +53,7 @@ pub(super) fn refine(rows: &Rows, found: &mut [Found]) {
         let Some(law) = model(rows, &others.collect::<Vec<Found>>()) else { continue };
         // A friction that reverses as a whole has one size less.
         let of_a_size = LIMIT * law.square();
-        let ways: &[bool] = if matches!(term, Term::Turning(_) | Term::Bending(_)) { &[false, true] } else { &[false] };
+        let ways: &[bool] = if term.kind() == Kind::Presliding { &[false, true] } else { &[false] };
         let mut best: Option<(f64, Term, bool)> = None;
         for term in [Some(term), term.other_shape()].into_iter().flatten() {
             for &is_whole in ways {
@@ -103,7 +69,7 @@ pub(super) fn refine(rows: &Rows, found: &mut [Found]) {
             }
         }
         if let Some((_, term, is_whole)) = best {
-            (found[place].candidate.term, found[place].is_whole) = (term, is_whole);
+            (found[place].term, found[place].is_whole) = (term, is_whole);
         }
     }
 }
@@ -130,12 +96,11 @@ fn sought(scale: f64, wide: f64, function: impl Fn(f64) -> f64) -> (f64, f64) {
     (log.exp(), value)
 }
 
-/// The candidate with the velocity or distance at which it explains most, according to `strength`.
-pub(super) fn strongest(candidate: Candidate, strength: impl Fn(Candidate) -> f64) -> Candidate {
-    let Some(scale) = candidate.term.scale() else { return candidate };
-    let with = |scale: f64| Candidate { term: candidate.term.with_scale(scale), ..candidate };
-    let (sought, _) = sought(scale, WIDE, |scale| -strength(with(scale)));
-    with(sought)
+/// The term with the velocity or distance at which it explains most, according to `strength`.
+pub(super) fn strongest(term: Term, strength: impl Fn(Term) -> f64) -> Term {
+    let Some(scale) = term.scale() else { return term };
+    let (sought, _) = sought(scale, WIDE, |scale| -strength(term.with_scale(scale)));
+    term.with_scale(sought)
 }
 
 #[cfg(test)]

@@ -15,9 +15,9 @@ use inerter_data::{
 use nalgebra::{DMatrix, DVector};
 
 use super::{
+    candidate::{Kind, Term},
     cause::Cause,
-    columns::{Candidate, Rows},
-    kind::Kind,
+    columns::Rows,
     search::rows_of,
     selection::products_with,
 };
@@ -122,8 +122,8 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
     // The effect of steps in the slow bank is not white noise, and would seem far beyond chance.
     let is_fast = outcome.estimate.bank == Bank::Fast;
     let (mut reaches, mut moved_most) = ([0.0; 4], [0.0; 4]);
-    for candidate in Candidate::all_for(&rows.span, settings) {
-        let moves = law.with(&rows, candidate);
+    for term in Term::all_for(&rows.span, settings) {
+        let (kind, moves) = (term.kind(), law.with(&rows, term));
         for (i, one) in all.iter_mut().enumerate() {
             let [own, of_differences] = squares[i];
             let moved = moves.moved[i];
@@ -131,10 +131,10 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
             let grows = (1.0 + moves.squares[i] / moves.before[i]).sqrt();
             let chance = ((grows * grows - 1.0) * of_differences).sqrt();
             let is_told = moves.are_told && own + chance * chance <= TOLD * TOLD * own;
-            if !is_told && NAMED * chance > half_widths[i] && !one.assumes.contains(&candidate.kind) {
-                one.assumes.push(candidate.kind);
+            if !is_told && NAMED * chance > half_widths[i] && !one.assumes.contains(&kind) {
+                one.assumes.push(kind);
             }
-            if moves.can_be && is_regarded(candidate.kind) {
+            if moves.can_be && is_regarded(kind) {
                 let is_far = is_fast && moves.are_hardly_told && moved.abs() > FAR * chance;
                 let is_moved = is_far || moves.are_told && moved.abs() > CHANCE * chance;
                 let reach = match (is_told || is_far, is_moved) {
@@ -145,7 +145,7 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
                 reaches[i] = f64::max(reaches[i], reach);
                 if is_moved && reach > moved_most[i] {
                     moved_most[i] = reach;
-                    one.moved_by = Some(candidate.kind);
+                    one.moved_by = Some(kind);
                 }
             }
         }
@@ -201,14 +201,14 @@ impl Law {
         Some(Self { inverse, residual, error_square })
     }
 
-    /// The effect of adding a candidate.
-    fn with(&self, rows: &Rows, candidate: Candidate) -> Moves {
-        let columns = rows.columns(candidate.term);
+    /// The effect of adding a term.
+    fn with(&self, rows: &Rows, term: Term) -> Moves {
+        let columns = rows.columns(term);
         let width = columns.len();
         let along = &self.inverse * products(&rows.base, &columns);
         let left: Vec<Vec<f64>> =
             columns.iter().enumerate().map(|(k, all)| less(all, &rows.base, along.column(k).as_slice())).collect();
-        let [of_noise, with_force] = rows.noise(candidate.term).map(|mean| mean * rows.force.len() as f64);
+        let [of_noise, with_force] = rows.noise(term).map(|mean| mean * rows.force.len() as f64);
         let leaves = |least: f64| {
             left.iter().zip(&columns).all(|(left, all)| {
                 let told = dot(left, left) - of_noise;
@@ -225,7 +225,7 @@ impl Law {
         let sizes = &inverse * products_with(&left, &self.residual).map(|said| said - with_force);
         let squares = (&along * inverse * along.transpose()).diagonal() * self.error_square;
         let before = self.inverse.diagonal().iter().map(|part| part * self.error_square).collect();
-        let can_be = width > 1 || candidate.can_be(sizes[0], &rows.law);
+        let can_be = width > 1 || term.can_be(sizes[0], rows.law.coulomb_n);
         let [are_told, are_hardly_told] = [LEAST_LEFT, LITTLE_LEFT].map(leaves);
         Moves { moved: &along * sizes, squares, before, are_told, are_hardly_told, can_be }
     }

@@ -5,10 +5,7 @@ use std::collections::VecDeque;
 use inerter_core::{Published, RawSample, Settings, Warning};
 use inerter_data::{gated::Gated, run::Run};
 
-use super::{
-    cause::Cause,
-    search::{is_suspect, suspected},
-};
+use super::{cause::Cause, search::suspected};
 
 /// Length that is kept \[s\].
 const KEPT_S: f64 = 60.0;
@@ -19,19 +16,17 @@ pub struct Latest {
     settings: Settings,
     samples: VecDeque<RawSample>,
     warnings: Vec<Warning>,
-    most: usize,
 }
 
 impl Latest {
     /// Empty, for a device with these settings.
     pub fn new(settings: &Settings) -> Self {
-        let most = (KEPT_S * settings.sample_rate_hz) as usize;
-        Self { settings: *settings, samples: VecDeque::new(), warnings: Vec::new(), most }
+        Self { settings: *settings, samples: VecDeque::new(), warnings: Vec::new() }
     }
 
     /// Adds the next sample.
     pub fn push(&mut self, sample: RawSample) {
-        if self.samples.len() >= self.most {
+        if self.samples.len() >= (KEPT_S * self.settings.sample_rate_hz) as usize {
             self.samples.pop_front();
         }
         self.samples.push_back(sample);
@@ -61,9 +56,6 @@ impl Latest {
 
     /// The causes in them that a person should know of; `published` is the estimator's latest result.
     pub fn suspected(self, published: &Published) -> Vec<Cause> {
-        if !is_suspect(&published.law) {
-            return Vec::new();
-        }
         let settings = self.settings;
         suspected(&self.gated(), &settings, published)
     }

@@ -13,14 +13,12 @@ mod filter;
 mod fitted;
 mod found;
 mod hidden;
-mod kind;
 mod latest;
 mod search;
 mod selection;
 
-pub use candidate::Encoder;
+pub use candidate::{Encoder, Kind, LIMIT};
 pub use cause::Cause;
 pub use hidden::{Judged, TOLD, assumptions, judged, reach, widened};
-pub use kind::{Kind, LIMIT};
 pub use latest::Latest;
 pub use search::{Diagnosis, diagnose, is_reversed, is_suspect, suspected};

@@ -4,18 +4,17 @@ use inerter_core::{Law as LawState, LawStatus, Parameters, Published, Settings};
 use inerter_data::{gated::Gated, series::Series};
 
 use super::{
-    candidate::Encoder,
+    candidate::{Encoder, Found, Kind, LIMIT, Term},
     cause::Cause,
-    columns::{Candidate, Known, Located, MOST_ROWS, Rows, Term},
+    columns::{MOST_ROWS, Rows},
     filter::{Filter, Sight, force_noise_n},
-    fitted::{Fitted, fitted},
-    found::{Found, known, model, refine, strongest, taken},
-    kind::{Kind, LIMIT},
-    selection::{Evidence, Model},
+    fitted::fitted,
+    found::{model, refine, strongest, taken},
+    selection::Model,
 };
 use crate::{
     fit::FitError,
-    law::{Kernels, LEAST_OBSERVATIONS, Law},
+    law::{LEAST_OBSERVATIONS, Law},
 };
 
 /// Maximum number of causes.
@@ -120,7 +119,7 @@ pub fn diagnose(
         tick,
         published,
         encoder,
-        kinds: &Kind::ALL,
+        seeks_skew: true,
         sights: Sight::all(published.estimate.bank),
         settings: *settings,
         noise_n: force_noise_n(series, settings),
@@ -132,8 +131,7 @@ pub fn diagnose(
     // A skew that the other causes explain as well, once found, was not a skew.
     let is_weak = |cause: &Cause| cause.kind == Kind::Skew && cause.f < LIMIT;
     if found.causes.iter().any(is_weak) {
-        let others: Vec<Kind> = Kind::ALL.into_iter().filter(|kind| *kind != Kind::Skew).collect();
-        return Search { kinds: &others, ..search }.searched(series);
+        return Search { seeks_skew: false, ..search }.searched(series);
     }
     Ok(found)
 }
@@ -144,11 +142,11 @@ pub(super) fn rows_of<'a>(
     settings: &Settings,
     published: &Published,
 ) -> Result<Rows<'a>, FitError> {
-    let kernels = Kernels::new(published.estimate.bank, aligned.period_s);
-    let spacing = (kernels.box_samples / 2).max(1).max(aligned.len() / MOST_ROWS);
+    let sight = Sight::Box(published.estimate.bank.box_s());
     let law = Law::of_run(&published.estimate.whole_run, settings);
-    let filter = Filter::with(kernels, spacing, vec![1.0], settings, &law, force_noise_n(aligned, settings));
-    enough(Rows::through(Located::of(aligned, law, &[]), settings, filter))
+    let (spacing, noise_n) = (aligned.len() / MOST_ROWS, force_noise_n(aligned, settings));
+    let filter = Filter::of(sight, spacing, aligned.period_s, settings, &law, noise_n, 1.0);
+    enough(Rows::of(aligned, law, &[], settings, |_| filter))
 }
 
 fn enough(rows: Rows) -> Result<Rows, FitError> {
@@ -156,13 +154,13 @@ fn enough(rows: Rows) -> Result<Rows, FitError> {
     if observations < LEAST_OBSERVATIONS { Err(FitError::TooShort { observations }) } else { Ok(rows) }
 }
 
-/// State of the search, limited to some kinds.
+/// State of the search.
 #[derive(Clone)]
 struct Search<'a> {
     tick: &'a dyn Fn(),
     published: &'a Published,
     encoder: Encoder,
-    kinds: &'a [Kind],
+    seeks_skew: bool,
     /// The filters still in question; unsuitable ones have been removed.
     sights: &'static [Sight],
     /// With the skew that was found corrected.
@@ -173,8 +171,8 @@ struct Search<'a> {
     greatest_left: f64,
 }
 
-/// All candidates of a run with their columns.
-type Columns = Vec<(Candidate, Vec<Vec<f64>>)>;
+/// All terms that are tried in a run, with their columns.
+type Columns = Vec<(Term, Vec<Vec<f64>>)>;
 
 impl Search<'_> {
     /// The result, from a search that has not begun.
@@ -195,19 +193,37 @@ impl Search<'_> {
         alone.settle(&rows)?;
         let rows = alone.rows(&aligned)?;
         let alone_n = alone.settle(&rows)?.residual_rms();
-        self.told(&series.aligned(&self.settings), &settings, alone_n)
+        let aligned = series.aligned(&self.settings);
+        let rows = self.rows(&aligned)?;
+        let undone_s = self.settings.skew_s - settings.skew_s;
+        let fitted = loop {
+            let fitted = fitted(&rows, &self.settings, &self.published.detail, &self.found, undone_s, self.encoder);
+            if fitted.is_some() || !self.drop_weakest() {
+                break fitted;
+            }
+        };
+        let (causes, corrected, with_causes_n) = match fitted {
+            Some((causes, corrected, rms_n)) => (causes, Some(corrected), rms_n),
+            None => (Vec::new(), None, alone_n),
+        };
+        Ok(Diagnosis {
+            causes,
+            corrected,
+            greatest_left: self.greatest_left,
+            residual_rms_n: [alone_n, with_causes_n],
+            noise_rms_n: (rows.filter.noise_square + rows.filter.steps_square).sqrt(),
+        })
     }
 
     /// The rows with everything known so far, through the most informative filter.
     fn rows<'a>(&mut self, aligned: &'a Series) -> Result<Rows<'a>, FitError> {
         loop {
             (self.tick)();
-            let located = Located::of(aligned, self.law, &known(&self.found));
-            let repeats = located.repeats(&self.settings);
             let [sight, worse @ ..] = self.sights else { return Err(FitError::Motion) };
-            let filter = Filter::of(*sight, aligned.period_s, &self.settings, &self.law, self.noise_n, repeats);
-            let rows = Rows::through(located, &self.settings, filter);
-            let is_fit = || rows.kept >= LEAST_KEPT && Model::new(&rows, []).is_some_and(|law| law.steps <= MOST_STEPS);
+            let rows = Rows::of(aligned, self.law, &self.found, &self.settings, |repeats| {
+                Filter::of(*sight, 1, aligned.period_s, &self.settings, &self.law, self.noise_n, repeats)
+            });
+            let is_fit = || rows.kept >= LEAST_KEPT && model(&rows, &[]).is_some_and(|law| law.steps <= MOST_STEPS);
             if worse.is_empty() || is_fit() {
                 return enough(rows);
             }
@@ -238,7 +254,7 @@ impl Search<'_> {
 
     /// The skew that was found; its size is the remainder \[s\].
     fn skew(&self) -> Option<&Found> {
-        self.found.iter().find(|one| one.candidate.kind == Kind::Skew)
+        self.found.iter().find(|one| one.term.kind() == Kind::Skew)
     }
 
     /// Finds causes, until a skew is found, which must be corrected first.
@@ -250,7 +266,7 @@ impl Search<'_> {
         while self.found.len() < MOST {
             let rows = self.rows(aligned)?;
             let model = self.settle(&rows)?;
-            let best = self.best(&rows, &model, &self.columns(&rows), &self.found);
+            let best = Self::best(&rows, &model, &self.columns(&rows), &self.found);
             self.greatest_left = best.iter().map(Found::f).fold(0.0, f64::max) / LIMIT;
             let named: Vec<Found> = best.into_iter().filter(|one| one.f() >= LIMIT).collect();
             let Some(first) = named.first() else { break };
@@ -279,7 +295,7 @@ impl Search<'_> {
         let mut with = self.clone();
         with.found.push(one);
         let left = with.converge(aligned).ok()?;
-        let sizes = one.candidate.term.width() + usize::from(one.candidate.term.scale().is_some());
+        let sizes = one.term.width() + usize::from(one.term.scale().is_some());
         Some((left / square + WORTH * sizes as f64, with))
     }
 
@@ -287,42 +303,39 @@ impl Search<'_> {
     fn converge(&mut self, aligned: &Series) -> Result<f64, FitError> {
         let mut left = f64::INFINITY;
         for _ in 0..ROUNDS {
-            let before = known(&self.found);
+            let before = self.found.clone();
             let rows = self.rows(aligned)?;
             refine(&rows, &mut self.found);
             left = self.settle(&rows)?.left();
-            if are_alike(&before, &known(&self.found)) {
+            if are_alike(&before, &self.found) {
                 break;
             }
         }
         Ok(left)
     }
 
-    /// All candidates with their columns.
+    /// All terms that are tried, with their columns.
     fn columns(&self, rows: &Rows) -> Columns {
-        let all = Candidate::all(&rows.span, &self.settings, self.encoder);
-        let sought = all.into_iter().filter(|candidate| self.kinds.contains(&candidate.kind));
-        sought.map(|candidate| (candidate, rows.columns(candidate.term))).collect()
+        let all = Term::all(&rows.span, &self.settings, self.encoder).into_iter();
+        let sought = all.filter(|term| self.seeks_skew || term.kind() != Kind::Skew);
+        sought.map(|term| (term, rows.columns(term))).collect()
     }
 
-    /// For each kind that is not among the others, the candidate that explains most in addition to them, the strongest
+    /// For each kind that is not among the others, the term that explains most in addition to them, the strongest
     /// first.
-    fn best(&self, rows: &Rows, model: &Model, columns: &Columns, others: &[Found]) -> Vec<Found> {
-        let evidence = |candidate: Candidate, columns: &[Vec<f64>]| {
-            let can_be = |size, coulomb_n| candidate.can_be(size, &Law { coulomb_n, ..self.law });
-            model.evidence(columns, rows.noise(candidate.term)[0], can_be)
+    fn best(rows: &Rows, model: &Model, columns: &Columns, others: &[Found]) -> Vec<Found> {
+        let evidence = |term: Term, columns: &[Vec<f64>]| {
+            model.evidence(term, columns, rows.noise(term)[0], |size, coulomb_n| term.can_be(size, coulomb_n))
         };
-        let strength = |evidence: &Option<Evidence>| evidence.map_or(0.0, |evidence| evidence.strength);
-        let kinds = Kind::ALL.into_iter().filter(|kind| others.iter().all(|one| one.candidate.kind != *kind));
+        let strength = |evidence: Option<Found>| evidence.map_or(0.0, |found| found.strength);
+        let kinds = Kind::ALL.into_iter().filter(|kind| others.iter().all(|one| one.term.kind() != *kind));
         let of_kind = |kind: Kind| {
-            let all = columns.iter().filter(|(candidate, _)| candidate.kind == kind);
-            let told = all.map(|(candidate, columns)| (*candidate, strength(&evidence(*candidate, columns))));
+            let all = columns.iter().filter(|(term, _)| term.kind() == kind);
+            let told = all.map(|(term, columns)| (*term, strength(evidence(*term, columns))));
             let (best, most) = told.max_by(|(_, a), (_, b)| a.total_cmp(b))?;
-            let of = |candidate: Candidate| evidence(candidate, &rows.columns(candidate.term));
+            let of = |term: Term| evidence(term, &rows.columns(term));
             // If there is no evidence, the search does not continue.
-            let best = if most > 0.1 * LIMIT { strongest(best, |candidate| strength(&of(candidate))) } else { best };
-            let Evidence { strength, sizes } = of(best)?;
-            Some(Found::new(best, sizes, strength))
+            of(if most > 0.1 * LIMIT { strongest(best, |term| strength(of(term))) } else { best })
         };
         let mut all: Vec<Found> = kinds.filter_map(of_kind).collect();
         all.sort_by(|a, b| b.strength.total_cmp(&a.strength));
@@ -353,20 +366,20 @@ impl Search<'_> {
         let mut has_changed = false;
         for (place, one) in self.found.clone().into_iter().enumerate() {
             // A corrected skew shows nothing more.
-            if one.candidate.kind == Kind::Skew {
+            if one.term.kind() == Kind::Skew {
                 weighed.push(one);
                 continue;
             }
             let later = self.found.iter().skip(place + 1).copied();
             let others: Vec<Found> = weighed.iter().copied().chain(later).collect();
             let Some(model) = model(rows, &others) else { return false };
-            let can_be = one.is_whole || one.candidate.can_be(one.sizes[0], &self.law);
-            let own = model.evidence(&rows.columns(one.candidate.term), 0.0, |_, _| can_be);
+            let can_be = one.is_whole || one.term.can_be(one.sizes[0], self.law.coulomb_n);
+            let own = model.evidence(one.term, &rows.columns(one.term), 0.0, |_, _| can_be);
             let own = Found { strength: own.map_or(0.0, |own| own.strength), ..one };
-            let all = self.best(rows, &model, &columns, &others);
-            let rival = all.into_iter().find(|other| other.candidate.kind != one.candidate.kind);
+            let all = Self::best(rows, &model, &columns, &others);
+            let rival = all.into_iter().find(|other| other.term.kind() != one.term.kind());
             let equals = |weaker: &Found, stronger: &Found| {
-                (weaker.strength > RIVAL * stronger.strength).then_some(weaker.candidate.kind)
+                (weaker.strength > RIVAL * stronger.strength).then_some(weaker.term.kind())
             };
             match rival {
                 Some(better) if better.strength > own.strength && better.f() >= LIMIT => {
@@ -383,41 +396,17 @@ impl Search<'_> {
         self.found = weighed;
         has_changed
     }
-
-    /// The result to report, given this residual of the law alone.
-    fn told(&mut self, aligned: &Series, settings: &Settings, alone_n: f64) -> Result<Diagnosis, FitError> {
-        let rows = self.rows(aligned)?;
-        let undone_s = self.settings.skew_s - settings.skew_s;
-        let fitted = loop {
-            let fitted = fitted(&rows, &self.settings, &self.published.detail, &self.found, undone_s, self.encoder);
-            if fitted.is_some() || !self.drop_weakest() {
-                break fitted;
-            }
-        };
-        let (causes, corrected, with_causes_n) = match fitted {
-            Some(Fitted { causes, corrected, residual_rms_n }) => (causes, Some(corrected), residual_rms_n),
-            None => (Vec::new(), None, alone_n),
-        };
-        Ok(Diagnosis {
-            causes,
-            corrected,
-            greatest_left: self.greatest_left,
-            residual_rms_n: [alone_n, with_causes_n],
-            noise_rms_n: (rows.filter.noise_square + rows.filter.steps_square).sqrt(),
-        })
-    }
 }
 
 /// Whether sizes, velocities and distances agree within a small fraction.
-fn are_alike(before: &[Known], now: &[Known]) -> bool {
+fn are_alike(before: &[Found], now: &[Found]) -> bool {
     let is_near = |a: f64, b: f64, of: f64| (a - b).abs() <= ALIKE * of;
-    let is_one = |((before, was), (now, is)): (&Known, &Known)| {
-        let size = is[0].hypot(is[1]);
-        let scale = |term: &Term| term.scale().unwrap_or(1.0);
-        is_near(was[0], is[0], size)
-            && is_near(was[1], is[1], size)
+    let is_one = |(before, now): (&Found, &Found)| {
+        let size = now.sizes[0].hypot(now.sizes[1]);
+        let scale = |one: &Found| one.term.scale().unwrap_or(1.0);
+        before.sizes.iter().zip(now.sizes).all(|(was, is)| is_near(*was, is, size))
             && is_near(scale(before), scale(now), scale(now))
-            && std::mem::discriminant(before) == std::mem::discriminant(now)
+            && std::mem::discriminant(&before.term) == std::mem::discriminant(&now.term)
     };
     before.len() == now.len() && before.iter().zip(now).all(is_one)
 }

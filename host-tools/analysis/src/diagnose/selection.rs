@@ -3,7 +3,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::columns::Rows;
+use super::{
+    candidate::{Found, Term},
+    columns::Rows,
+};
 use crate::law::{dot, inverse, less, products, scaled, scales};
 
 /// Index of the sign among the columns.
@@ -33,44 +36,13 @@ pub(super) struct Model<'a> {
     /// The steps' fraction of what the other columns leave of the acceleration, taken as white noise.
     pub steps: f64,
     /// Coefficients of all columns.
-    values: DVector<f64>,
+    pub values: DVector<f64>,
     /// Residual of the force in each row \[N\].
     residual: Vec<f64>,
 }
 
-/// Covariance of all coefficients.
-pub(super) struct Covariance {
-    by_noise: DMatrix<f64>,
-    by_scatter: DMatrix<f64>,
-}
-
-impl Covariance {
-    /// Variance of a weighted sum of coefficients, each given by its index.
-    pub fn of(&self, sum: &[(usize, f64)]) -> f64 {
-        let variance = |matrix: &DMatrix<f64>| {
-            let pairs = sum.iter().flat_map(|(i, a)| sum.iter().map(move |(j, b)| (*i, *j, a * b)));
-            pairs.map(|(i, j, weight)| weight * matrix[(i, j)]).sum::<f64>()
-        };
-        variance(&self.by_noise).max(variance(&self.by_scatter)).max(0.0)
-    }
-}
-
-/// Evidence for a group of columns.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Evidence {
-    /// Square that it explains, relative to the noise of one observation.
-    pub strength: f64,
-    /// Its size, or sizes.
-    pub sizes: [f64; 2],
-}
-
 impl<'a> Model<'a> {
-    /// The law with these additional columns; `None` if they cannot be separated.
-    pub fn new(rows: &'a Rows<'a>, others: impl IntoIterator<Item = Vec<f64>>) -> Option<Self> {
-        Self::of(rows, rows.base.iter().cloned().chain(others).collect())
-    }
-
-    /// The fit to all these columns, the first of which is the acceleration.
+    /// The fit to all these columns, the first of which is the acceleration; `None` if they cannot be separated.
     pub fn of(rows: &'a Rows<'a>, columns: Vec<Vec<f64>>) -> Option<Self> {
         let count = columns.len();
         let mut gram = DMatrix::from_fn(count, count, |i, j| if i < j { 0.0 } else { dot(&columns[i], &columns[j]) });
@@ -86,16 +58,6 @@ impl<'a> Model<'a> {
         let taken = TAKEN.map(|part| part * steps).into_iter();
         let taken = taken.filter(|taken| *taken <= MOST_TAKEN * acceleration_left).collect();
         Some(Self { rows, columns, gram, right, taken, steps: steps / acceleration_left, values, residual })
-    }
-
-    /// Number of coefficients.
-    pub fn count(&self) -> usize {
-        self.values.len()
-    }
-
-    /// A coefficient by its index.
-    pub fn value(&self, place: usize) -> f64 {
-        self.values[place]
     }
 
     /// The bias of each coefficient due to the encoder's steps, taken as white noise; `None` if they may account for
@@ -161,12 +123,20 @@ impl<'a> Model<'a> {
         self.left() / self.freedom(0).max(1.0) * self.rows.filter.inflation()
     }
 
-    /// Covariance of the coefficients: from the noise of an observation, with repeated errors counted in full, or from
-    /// the differences between the parts of the run, whichever makes the sum of the coefficients less certain.
-    pub fn covariance(&self) -> Option<Covariance> {
+    /// The variance of a weighted sum of coefficients, each given by its index: from the noise of an observation, with
+    /// repeated errors counted in full, or from the differences between the parts of the run, whichever makes the sum
+    /// less certain.
+    pub fn variance(&self) -> Option<impl Fn(&[(usize, f64)]) -> f64> {
         let inverse = inverse(&self.gram)?;
-        let scatter = &inverse * self.scatter(&self.columns, &self.residual) * &inverse;
-        Some(Covariance { by_noise: inverse * self.square(), by_scatter: scatter })
+        let by_scatter = &inverse * self.scatter(&self.columns, &self.residual) * &inverse;
+        let by_noise = inverse * self.square();
+        Some(move |sum: &[(usize, f64)]| {
+            let variance = |matrix: &DMatrix<f64>| {
+                let pairs = sum.iter().flat_map(|(i, a)| sum.iter().map(move |(j, b)| (*i, *j, a * b)));
+                pairs.map(|(i, j, weight)| weight * matrix[(i, j)]).sum::<f64>()
+            };
+            variance(&by_noise).max(variance(&by_scatter)).max(0.0)
+        })
     }
 
     /// Scatter between the parts of the run, for these columns and a residual: the sum of the squares of their
@@ -192,15 +162,16 @@ impl<'a> Model<'a> {
         (0..PARTS).map(of_part).collect()
     }
 
-    /// What a group of one or two columns would explain; `noise_square` is the mean square of the noise in each of its
-    /// columns. `None` if too little of it remains, or if its size is implausible for the Coulomb friction that then
-    /// results \[N\].
+    /// What a term with these columns would explain; `noise_square` is the mean square of the noise in each of them.
+    /// `None` if too little of it remains, or if its size is implausible for the Coulomb friction that then results
+    /// \[N\].
     pub fn evidence(
         &self,
+        term: Term,
         group: &[Vec<f64>],
         noise_square: f64,
         can_be: impl Fn(f64, f64) -> bool,
-    ) -> Option<Evidence> {
+    ) -> Option<Found> {
         let width = group.len();
         let rows = self.residual.len() as f64;
         let across = products(&self.columns, group);
@@ -231,7 +202,8 @@ impl<'a> Model<'a> {
         let square = (self.left() - explained).max(f64::MIN_POSITIVE) / self.freedom(width).max(1.0);
         let strength = explained / (square * self.rows.filter.inflation());
         let strength = if strength < WORTH_A_LOOK { strength } else { self.agreed(group, &along, &sizes, strength) };
-        Some(Evidence { strength, sizes: [sizes[0], sizes.get(1).copied().unwrap_or(0.0)] })
+        let sizes = [sizes[0], sizes.get(1).copied().unwrap_or(0.0)];
+        Some(Found { term, sizes, strength, rival: None, is_whole: false })
     }
 
     /// The part of a strength on which the parts of the run agree: a single event is not a cause, and the residual
@@ -266,9 +238,8 @@ fn solved(gram: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
 /// The same for several right-hand sides.
 fn part_of(gram: &DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let unit = scales(gram);
-    let right = DMatrix::from_fn(right.nrows(), right.ncols(), |i, j| right[(i, j)] * unit[i]);
-    let part = scaled(gram, &unit).cholesky()?.solve(&right);
-    part.iter()
-        .all(|value| value.is_finite())
-        .then(|| DMatrix::from_fn(part.nrows(), part.ncols(), |i, j| part[(i, j)] * unit[i]))
+    let in_units =
+        |matrix: &DMatrix<f64>| DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] * unit[i]);
+    let part = scaled(gram, &unit).cholesky()?.solve(&in_units(right));
+    part.iter().all(|value| value.is_finite()).then(|| in_units(&part))
 }

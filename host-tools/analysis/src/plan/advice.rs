@@ -14,7 +14,6 @@ use crate::{
 
 use super::{
     design::{Sketch, sketch},
-    limits::Limits,
     observed::{Reach, observed},
     words::{interval_of, limits_text, part_text},
 };
@@ -27,8 +26,8 @@ const WORTH_IT: f64 = 0.7;
 pub struct Advice {
     /// Indices in `[mt, cf, fc]` of parameters that were not identifiable or smaller than their interval.
     pub lacking: Vec<usize>,
-    /// The motion, and the limits that the run itself kept to; `None` if the run says too little about the device.
-    pub motion: Option<(Sketch, Limits)>,
+    /// The motion, within the limits that the run itself kept to; `None` if the run says too little about the device.
+    pub motion: Option<Sketch>,
     /// Those of the lacking parameters that it would identify clearly better.
     pub told: Vec<usize>,
 }
@@ -43,12 +42,10 @@ pub fn advice(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Option<A
     if lacking.is_empty() || !is_lawful {
         return None;
     }
-    let planned = observed(outcome, settings, reach)
-        .and_then(|(expected, limits)| Ok((sketch(&expected, limits)?, limits.checked(&expected)?)));
-    let motion = planned.ok();
+    let motion = observed(outcome, settings, reach).and_then(|(expected, limits)| sketch(&expected, limits)).ok();
     let is_told = |place: &usize| {
         let before = f64::from(found[*place].u95());
-        motion.as_ref().is_some_and(|(sketch, _)| sketch.u95[*place] < WORTH_IT * before)
+        motion.as_ref().is_some_and(|sketch| sketch.u95[*place] < WORTH_IT * before)
     };
     let told = lacking.iter().copied().filter(is_told).collect();
     Some(Advice { lacking, motion, told })
@@ -60,13 +57,13 @@ impl Advice {
         let symbols: Vec<String> =
             self.lacking.iter().map(|place| parameter(machine, *place).symbol.to_string()).collect();
         let beginning = format!("This motion cannot identify {}.", listed(&symbols));
-        let Some((sketch, limits)) = &self.motion else {
+        let Some(sketch) = &self.motion else {
             return format!(
                 "{beginning} It does not describe the device well enough to plan another from it: state what you expect (`inerter plan --help`)"
             );
         };
-        let reach = limits_text(machine, limits);
-        let time = duration_text(limits.duration_s);
+        let reach = limits_text(machine, &sketch.limits);
+        let time = duration_text(sketch.limits.duration_s);
         let of = |places: &[usize]| {
             let each = places.iter().map(|place| {
                 let u95 = sketch.u95[*place];

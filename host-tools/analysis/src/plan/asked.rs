@@ -14,12 +14,11 @@ use inerter_plant::{Excitation, Inerter};
 use inerter_wire::EstimatorEvent;
 
 use super::{
-    design::design,
+    design::{Plan, design},
     error::PlanError,
     expected::Expected,
     limits::Limits,
     observed::{Reach, observed, with_contact},
-    planned::Planned,
     predict::predict,
 };
 
@@ -62,7 +61,7 @@ pub struct Asked {
 
 impl Asked {
     /// The motion and its prediction, with the expected device; `progress` is called with the completed fraction.
-    pub fn planned<E: From<PlanError> + From<Error>>(&self, progress: impl FnMut(f64)) -> Result<Planned, E> {
+    pub fn planned<E: From<PlanError> + From<Error>>(&self, progress: impl FnMut(f64)) -> Result<Plan, E> {
         let (expected, known) = match &self.run {
             Some(run) => self.by_run::<E>(run)?,
             None => (self.stated()?, Limits::default()),
@@ -74,7 +73,7 @@ impl Asked {
         };
         Ok(match &self.motion {
             Some((text, seed)) => self.given_motion(expected, limits, text, *seed)?,
-            None => Planned::of(expected, design(&expected, limits, &wants, progress)?),
+            None => design(&expected, limits, &wants, progress)?,
         })
     }
 
@@ -145,12 +144,11 @@ impl Asked {
             lowest_hz: self.lowest_hz.unwrap_or(known.lowest_hz),
             highest_hz: self.highest_hz.unwrap_or(known.highest_hz),
             fade_s: self.fade_s.unwrap_or(known.fade_s),
-            ..known
         }
     }
 
     /// The prediction for a given motion.
-    fn given_motion(&self, expected: Expected, limits: Limits, text: &str, seed: u64) -> Result<Planned, PlanError> {
+    fn given_motion(&self, expected: Expected, limits: Limits, text: &str, seed: u64) -> Result<Plan, PlanError> {
         let motion = Excitation::parse(text, seed).map_err(PlanError::Motion)?;
         let own_s = Some(motion.duration_s()).filter(|own_s| own_s.is_finite());
         let duration_s = self.duration_s.or(own_s).unwrap_or(Limits::default().duration_s);
@@ -158,7 +156,18 @@ impl Asked {
         let stroke_m = if limits.stroke_m.is_finite() { limits.stroke_m } else { 1e3 };
         let checked = Limits { stroke_m, duration_s, ..limits }.checked(&expected)?;
         let motion = motion.lasting(duration_s);
-        let prediction = predict(&expected, &motion, duration_s)?;
-        Ok(Planned::given(expected, text, motion, duration_s, prediction, checked, limits))
+        Ok(Plan {
+            prediction: predict(&expected, &motion, duration_s)?,
+            expected,
+            given: Some(text.into()),
+            parts: Vec::new(),
+            motion,
+            duration_s,
+            is_wanted: false,
+            wants: Vec::new(),
+            limits: checked,
+            stated: limits,
+            chance: [0.0; 4],
+        })
     }
 }

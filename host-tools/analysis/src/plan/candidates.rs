@@ -7,14 +7,15 @@ use inerter_plant::{Excitation, Tone};
 
 use super::{
     error::PlanError,
-    expected::{Expected, GOLDEN, Look},
+    expected::{Expected, GOLDEN},
     information::Information,
-    limits::Limits,
+    limits::{CLEAR, Limits},
+    part::Part,
     peaks::Peaks,
 };
 
-/// Amplitudes of a tone relative to the largest one, in addition to that.
-const LOWER: [f64; 1] = [0.4];
+/// Amplitude of a smaller tone, relative to the largest one of its frequency.
+const LOWER: f64 = 0.4;
 /// Number of tones of a multisine.
 const TONES: u32 = 8;
 /// Phases tried for a multisine, to minimise its peaks.
@@ -22,8 +23,9 @@ const PHASES: u32 = 40;
 /// Time until the estimator has learnt friction \[s\], and minimum time for which a motion is simulated.
 const LEARNT_S: f64 = 2.0;
 const SEEN_S: f64 = 4.0;
-/// Periods of the lowest tone for which a motion is simulated.
+/// Periods of the lowest tone for which a motion is simulated, and minimum number in a part, in addition to its ramps.
 const PERIODS: f64 = 2.5;
+const LEAST_PERIODS: f64 = 1.5;
 /// Attempts to meet the limits, and the accuracy that is sufficient.
 const ATTEMPTS: usize = 6;
 const NEAR: f64 = 0.97;
@@ -42,22 +44,18 @@ pub(super) struct Effort {
 /// A candidate motion.
 #[derive(Clone, Debug)]
 pub(super) struct Candidate {
-    /// Its tones, whose sum is zero at the start.
-    pub tones: Vec<Tone>,
+    /// Its tones, whose sum is zero at the start, and their ramps.
+    pub part: Part,
+    /// Minimum time that it takes \[s\].
+    pub shortest_s: f64,
     /// Its information per second.
     pub information: Information,
     /// Its peaks, to compare with the limits.
     pub peaks: Peaks,
 }
 
-/// Length of the ramps of a motion \[s\]: at least a quarter of the lowest tone's period, or they would be faster than
-/// the motion.
-pub(super) fn fade_s(tones: &[Tone], limits: &Limits) -> f64 {
-    limits.fade_s.max(0.25 / lowest_hz(tones))
-}
-
 /// The lowest frequency \[Hz\].
-pub(super) fn lowest_hz(tones: &[Tone]) -> f64 {
+fn lowest_hz(tones: &[Tone]) -> f64 {
     tones.iter().map(|tone| tone.frequency_hz).fold(f64::INFINITY, f64::min)
 }
 
@@ -73,10 +71,9 @@ pub(super) fn candidates(
     for (number, tones) in shapes.into_iter().enumerate() {
         progress(number as f64 / count);
         let Some(largest) = enlarged(expected, limits, tones)? else { continue };
-        if effort.varied && largest.tones.len() == 1 {
-            for part in LOWER {
-                found.extend(seen(expected, limits, scaled(&largest.tones, part))?);
-            }
+        let tones = &largest.part.tones;
+        if effort.varied && tones.len() == 1 {
+            found.extend(seen(expected, limits, scaled(tones, LOWER))?);
         }
         found.push(largest);
     }
@@ -183,8 +180,8 @@ fn enlarged(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Op
     let acceleration: f64 = unit.iter().map(|tone| tone.amplitude_m * (TAU * tone.frequency_hz).powi(2)).sum();
     let per_size = mass_kg * acceleration + viscous * kinematic.speed_m_per_s;
     let free_n = limits.force_n - expected.device.coulomb_n;
-    let mut size =
-        limits.room(&kinematic).min(free_n / per_size).min(limits.acceleration_m_per_s2 / acceleration) * NEAR;
+    let greatest = CLEAR * expected.settings.full_scale_acceleration_m_per_s2;
+    let mut size = limits.room(&kinematic).min(free_n / per_size).min(greatest / acceleration) * NEAR;
     let mut best: Option<Candidate> = None;
     for _ in 0..ATTEMPTS {
         let tones = scaled(&unit, size);
@@ -211,13 +208,13 @@ fn enlarged(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Op
 
 /// The information of tones of this size; `None` if the estimator uses none of their samples.
 fn seen(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Option<Candidate>, PlanError> {
-    let fade_s = fade_s(&tones, limits);
-    let from_s = fade_s + LEARNT_S;
-    let seconds = SEEN_S.max(PERIODS / lowest_hz(&tones));
+    let lowest_hz = lowest_hz(&tones);
+    // Shorter ramps would be faster than the motion.
+    let fade_s = limits.fade_s.max(0.25 / lowest_hz);
+    let (from_s, duration_s) = (fade_s + LEARNT_S, SEEN_S.max(PERIODS / lowest_hz));
     let motion = Excitation::tones(tones.clone()).with_ramp(fade_s);
-    let look = Look { seed: SEED, from_s, by_speed: true, ..Look::default() };
-    let seen = expected.see(&motion, from_s + seconds, look)?;
-    let peaks = seen.peaks;
-    let information = Information::of(seen, seconds);
-    Ok(information.is_something().then_some(Candidate { tones, information, peaks }))
+    let seen = expected.quick().see(&motion, from_s + duration_s, SEED, Some(from_s))?;
+    let (shortest_s, peaks) = (2.0 * fade_s + LEAST_PERIODS / lowest_hz, seen.peaks);
+    let (part, information) = (Part { tones, duration_s, fade_s }, Information::of(seen, duration_s));
+    Ok(information.is_something().then_some(Candidate { part, shortest_s, information, peaks }))
 }

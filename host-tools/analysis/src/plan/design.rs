@@ -5,14 +5,14 @@ use inerter_data::wants::Want;
 use inerter_plant::Excitation;
 
 use super::{
-    candidates::{Candidate, Effort, candidates, fade_s, lowest_hz},
+    candidates::{Candidate, Effort, candidates},
     error::PlanError,
-    expected::{Expected, Look},
+    expected::Expected,
     information::{Together, Told},
     limits::Limits,
     part::{Part, duration_s, in_a_row},
     predict::{Predicted, Prediction, predict},
-    search::{Choice, times, together},
+    search::{times, together},
 };
 use crate::{calibrate, fit::budget};
 
@@ -27,8 +27,6 @@ const MARGIN: f64 = 1.05;
 const ATTEMPTS: usize = 3;
 /// Ratio of an interval to the wanted one that is close enough, so that no shorter motion is searched for.
 const NEAR: f64 = 0.85;
-/// Minimum periods of the lowest tone in a part, in addition to its ramps.
-const PERIODS: f64 = 1.5;
 /// Attempts to bring a part within the limits, and the margin to them.
 const TRIMS: usize = 4;
 const CLEAR: f64 = 0.995;
@@ -39,43 +37,35 @@ const TIE: f64 = 1e-3;
 const ASTRAY: f64 = 2.0;
 const SCATTERS: f64 = 1.2;
 
-/// The criterion of a design.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Criterion {
-    /// Minimum determinant of the covariance of inertance, viscous and Coulomb friction.
-    DOptimal,
-    /// Minimum time for the wanted intervals.
-    Wanted,
-}
-
-/// A designed motion.
+/// A designed or given motion, and its predicted intervals for the expected device.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// Its parts.
+    /// The expected device.
+    pub expected: Expected,
+    /// The text of a given motion.
+    pub given: Option<String>,
+    /// The parts of a designed one.
     pub parts: Vec<Part>,
+    /// The motion.
+    pub motion: Excitation,
+    /// Its length \[s\].
+    pub duration_s: f64,
     /// Its predicted intervals.
     pub prediction: Prediction,
-    /// The criterion of its design.
-    pub criterion: Criterion,
+    /// Whether it is designed for the wanted intervals in minimum time, instead of the minimum determinant of the
+    /// covariance of inertance, viscous and Coulomb friction.
+    pub is_wanted: bool,
     /// The wanted intervals.
     pub wants: Vec<Want>,
-    /// The limits that it respects.
+    /// The limits that a designed motion respects.
     pub limits: Limits,
+    /// The stated ones, which a given motion may exceed.
+    pub stated: Limits,
     /// The theoretical contribution of chance alone to each interval, as the half width of a component.
-    chance: [f64; 4],
+    pub(super) chance: [f64; 4],
 }
 
 impl Plan {
-    /// The motion.
-    pub fn motion(&self) -> Excitation {
-        in_a_row(&self.parts)
-    }
-
-    /// Its length \[s\].
-    pub fn duration_s(&self) -> f64 {
-        duration_s(&self.parts)
-    }
-
     /// The predicted interval for a wanted one, or the scatter if that is larger; infinite if there will be none.
     pub fn reached(&self, want: &Want) -> f64 {
         self.of(want).half_width()
@@ -84,11 +74,9 @@ impl Plan {
     /// The same for an endless motion: what averaging does not remove.
     pub fn floor(&self, want: &Want) -> f64 {
         let predicted = self.of(want);
-        let part = |source| {
-            let parts = predicted.budget.parts().into_iter();
-            parts.filter(|(of, _)| *of == source).map(|(_, part)| f64::from(part)).sum::<f64>()
-        };
-        let averaged = part(Source::Noise).powi(2) + part(Source::Model).min(self.chance[want.place]).powi(2);
+        let [noise, model] =
+            [Source::Noise, Source::Model].map(|source| f64::from(predicted.budget.parts()[source as usize].1));
+        let averaged = noise.powi(2) + model.min(self.chance[want.place]).powi(2);
         (predicted.half_width().powi(2) - averaged).max(0.0).sqrt()
     }
 
@@ -96,10 +84,11 @@ impl Plan {
     pub fn enough_s(&self, want: &Want) -> Option<f64> {
         let (reached, floor) = (self.reached(want), self.floor(want));
         let (of_time, left) = (reached * reached - floor * floor, want.u95 * want.u95 - floor * floor);
-        (reached.is_finite() && left > 0.0).then(|| self.duration_s() * of_time / left)
+        (reached.is_finite() && left > 0.0).then(|| self.duration_s * of_time / left)
     }
 
-    fn of(&self, want: &Want) -> &Predicted {
+    /// The prediction for the parameter of a wanted interval.
+    pub(super) fn of(&self, want: &Want) -> &Predicted {
         &self.prediction.parameters[want.place]
     }
 }
@@ -111,6 +100,8 @@ pub struct Sketch {
     pub parts: Vec<Part>,
     /// The theoretical interval of each of the four parameters; infinite if there will be none.
     pub u95: [f64; 4],
+    /// The limits that it respects.
+    pub limits: Limits,
 }
 
 /// The search for a design.
@@ -121,55 +112,36 @@ struct Search<'a> {
     found: &'a [Candidate],
 }
 
-/// One way to search: the criterion, the bank if it is fixed, and the fraction of the highest frequency up to which
-/// tones are used.
+/// One way to search: whether for the wanted intervals, the bank if it is fixed, and the fraction of the highest
+/// frequency up to which tones are used.
 #[derive(Clone, Copy)]
 struct Way {
-    criterion: Criterion,
+    is_wanted: bool,
     bank: Option<Bank>,
     highest: f64,
 }
 
+/// For the minimum determinant, with everything allowed.
+const D_OPTIMAL: Way = Way { is_wanted: false, bank: None, highest: 1.0 };
+
 impl Search<'_> {
     fn score(&self, told: &Told, way: Way) -> f64 {
-        match way.criterion {
-            Criterion::DOptimal => told.log_det,
-            Criterion::Wanted => widest(told, self.wants).ln() + TIE * told.log_det,
-        }
+        if way.is_wanted { widest(told, self.wants).ln() + TIE * told.log_det } else { told.log_det }
     }
 
-    /// The first way to search, one for when that does not reach the wanted intervals, and those for when the theory
-    /// does not apply.
-    fn ways(&self) -> (Way, Option<Way>, [Way; 3]) {
-        let criterion = if self.wants.is_empty() { Criterion::DOptimal } else { Criterion::Wanted };
-        let any = Way { criterion, bank: None, highest: 1.0 };
-        let d_optimal = Way { criterion: Criterion::DOptimal, ..any };
-        let [fast, slow] = [Bank::Fast, Bank::Slow].map(|bank| Way { bank: Some(bank), ..any });
-        let slower = Way { highest: 0.5, ..any };
-        (any, (criterion == Criterion::Wanted).then_some(d_optimal), [slower, fast, slow])
-    }
-
-    /// How long each candidate lasts so that together they fill this time, and their information.
-    fn lasting(&self, seconds: f64, way: Way) -> Option<(Vec<f64>, Told)> {
-        let told = |all: &Together| match way.bank {
-            None => all.told(self.expected),
-            Some(bank) => all.told_for_certain_by(bank, self.expected),
-        };
+    /// The candidates that together fill this time, how long each of them lasts, and their information.
+    fn lasting(&self, seconds: f64, way: Way) -> Option<(Vec<(&Candidate, f64)>, Told)> {
+        let told = |all: &Together| all.told(self.expected, way.bank);
         let highest_hz = way.highest * self.limits.highest_hz;
-        let choices = self.found.iter().map(|one| {
-            let choice = choice(one, self.limits);
-            let is_too_high = one.tones.iter().any(|tone| tone.frequency_hz > 1.01 * highest_hz);
-            // It does not fit at all.
-            if is_too_high { Choice { shortest_s: f64::INFINITY, ..choice } } else { choice }
-        });
-        let choices: Vec<Choice> = choices.collect();
+        let is_allowed = |one: &&Candidate| one.part.tones.iter().all(|tone| tone.frequency_hz <= 1.01 * highest_hz);
+        let allowed: Vec<&Candidate> = self.found.iter().filter(is_allowed).collect();
         let score = |all: &Together| told(all).map_or(f64::INFINITY, |told| self.score(&told, way));
-        let (lasting, _) = times(&choices, seconds, score)?;
-        let told = together(&choices, &lasting).and_then(|all| told(&all))?;
-        Some((lasting, told))
+        let (times, _) = times(&allowed, seconds, score)?;
+        let told = together(&allowed, &times).and_then(|all| told(&all))?;
+        Some((allowed.into_iter().zip(times).filter(|(_, time)| *time > 0.0).collect(), told))
     }
 
-    /// The minimum time in which the wanted intervals are reached, at most that of the limits.
+    /// The minimum time in which the wanted intervals are reached, within two percent; at most that of the limits.
     fn shortest(&self, way: Way) -> f64 {
         if self.wants.is_empty() {
             return self.limits.duration_s;
@@ -177,21 +149,29 @@ impl Search<'_> {
         let is_enough = |seconds: f64| {
             self.lasting(seconds, way).is_some_and(|(_, told)| MARGIN * widest(&told, self.wants) <= 1.0)
         };
-        least(SHORTEST_S, self.limits.duration_s, is_enough)
+        let (mut low, mut high) = (SHORTEST_S, self.limits.duration_s);
+        if high <= low || !is_enough(high) {
+            return high;
+        }
+        if is_enough(low) {
+            return low;
+        }
+        while high > 1.02 * low {
+            let middle = (low * high).sqrt();
+            if is_enough(middle) { high = middle } else { low = middle }
+        }
+        high
     }
 
     /// The parts with these durations \[s\], the one with the largest force first: from it the estimator learns
     /// friction soonest. Each is within the limits on its own, including its ramps.
-    fn parts(&self, lasting: &[f64]) -> Result<Vec<Part>, PlanError> {
-        let mut chosen: Vec<(&Candidate, f64)> =
-            self.found.iter().zip(lasting).filter(|(_, time)| **time > 0.0).map(|(one, time)| (one, *time)).collect();
+    fn parts(&self, mut chosen: Vec<(&Candidate, f64)>) -> Result<Vec<Part>, PlanError> {
         chosen.sort_by(|a, b| b.0.peaks.force_n.total_cmp(&a.0.peaks.force_n));
         let part = |(one, duration_s): (&Candidate, f64)| {
-            let fade_s = fade_s(&one.tones, self.limits);
-            let mut part = Part { tones: one.tones.clone(), duration_s, fade_s };
+            let mut part = Part { duration_s, ..one.part.clone() };
             for _ in 0..TRIMS {
-                let look = Look { seed: 1, ..Look::default() };
-                let room = self.limits.room(&self.expected.see(&part.motion(), duration_s, look)?.peaks);
+                let seen = self.expected.quick().see(&part.motion(), duration_s, 1, None)?;
+                let room = self.limits.room(&seen.peaks);
                 if room >= 1.0 {
                     break;
                 }
@@ -204,29 +184,38 @@ impl Search<'_> {
 
     /// The plan for this time, rehearsed, and reduced if its parts together exceed a limit.
     fn rehearsed(&self, seconds: f64, way: Way) -> Result<Option<(Plan, Told)>, PlanError> {
-        let Some((lasting, told)) = self.lasting(seconds, way) else { return Ok(None) };
-        let mut parts = self.parts(&lasting)?;
-        let mut prediction = predict(self.expected, &in_a_row(&parts), duration_s(&parts))?;
+        let Some((chosen, told)) = self.lasting(seconds, way) else { return Ok(None) };
+        let mut parts = self.parts(chosen)?;
+        let duration_s = duration_s(&parts);
+        let mut motion = in_a_row(&parts);
+        let mut prediction = predict(self.expected, &motion, duration_s)?;
         for _ in 0..TRIMS {
             let room = self.limits.room(&prediction.peaks);
             if room >= 1.0 {
                 break;
             }
             parts.iter_mut().for_each(|part| part.scale(CLEAR * room));
-            prediction = predict(self.expected, &in_a_row(&parts), duration_s(&parts))?;
+            motion = in_a_row(&parts);
+            prediction = predict(self.expected, &motion, duration_s)?;
         }
-        let chance = told.budgets.map(|budget| f64::from(budget.given_u95(Source::Model)));
-        let (wants, limits) = (self.wants.to_vec(), *self.limits);
-        Ok(Some((Plan { parts, prediction, criterion: way.criterion, wants, limits, chance }, told)))
+        let plan = Plan {
+            expected: *self.expected,
+            given: None,
+            parts,
+            motion,
+            duration_s,
+            prediction,
+            is_wanted: way.is_wanted,
+            wants: self.wants.to_vec(),
+            limits: *self.limits,
+            stated: *self.limits,
+            chance: told.budgets.map(|budget| f64::from(budget.given_u95(Source::Model))),
+        };
+        Ok(Some((plan, told)))
     }
 
-    /// The better of a plan and the result of this way, and whether its rehearsals contradict the theory.
-    fn sought(
-        &self,
-        mut best: Option<Plan>,
-        way: Way,
-        progress: &mut impl FnMut(f64),
-    ) -> Result<(Option<Plan>, bool), PlanError> {
+    /// Searches in this way for a better plan; returns whether rehearsals contradict the theory.
+    fn seek(&self, best: &mut Option<Plan>, way: Way, progress: &mut impl FnMut(f64)) -> Result<bool, PlanError> {
         let (mut seconds, mut is_astray) = (self.shortest(way), false);
         for attempt in 0..ATTEMPTS {
             progress(0.5 + 0.5 * attempt as f64 / ATTEMPTS as f64);
@@ -237,9 +226,9 @@ impl Search<'_> {
                     || predicted.u95() > ASTRAY * f64::from(told.u95())
                     || same_rig_half_width(predicted) > SCATTERS * predicted.same_rig_u95()
             });
-            let (worst, length_s) = (self.worst(&plan), plan.duration_s());
+            let (worst, length_s) = (self.worst(&plan), plan.duration_s);
             if best.as_ref().is_none_or(|best| self.is_better(&plan, best)) {
-                best = Some(plan);
+                *best = Some(plan);
             }
             let is_near = (NEAR..=1.0).contains(&worst) || (worst < NEAR && length_s <= 1.05 * SHORTEST_S);
             if self.wants.is_empty() || is_near || (worst > 1.0 && seconds >= self.limits.duration_s) {
@@ -248,13 +237,13 @@ impl Search<'_> {
             let longer = if worst.is_finite() { worst * worst * MARGIN } else { 2.0 };
             seconds = (seconds * longer).clamp(SHORTEST_S, self.limits.duration_s);
         }
-        Ok((best, is_astray))
+        Ok(is_astray)
     }
 
     /// Among plans that reach everything the shorter is better; among the others the one that comes closest.
     fn is_better(&self, plan: &Plan, than: &Plan) -> bool {
         match (self.worst(than) <= 1.0, self.worst(plan) <= 1.0) {
-            (true, true) if !self.wants.is_empty() => plan.duration_s() < than.duration_s(),
+            (true, true) if !self.wants.is_empty() => plan.duration_s < than.duration_s,
             (false, true) => true,
             (true, false) => false,
             _ => self.rank(plan) < self.rank(than),
@@ -288,16 +277,16 @@ pub fn design(
     let found = candidates(expected, &limits, THOROUGH, |part| progress(0.4 * part))?;
     let possible: Vec<Want> = wants.iter().copied().filter(|want| calibration(expected, want) < want.u95).collect();
     let search = Search { expected, limits: &limits, wants: &possible, found: &found };
-    let (first, next, others) = search.ways();
-    let (mut best, mut is_astray) = search.sought(None, first, &mut progress)?;
-    if let Some(next) = next.filter(|_| best.as_ref().is_none_or(|best| search.worst(best) > 1.0)) {
-        let astray;
-        (best, astray) = search.sought(best, next, &mut progress)?;
-        is_astray |= astray;
+    let first = Way { is_wanted: !possible.is_empty(), ..D_OPTIMAL };
+    let mut best = None;
+    let mut is_astray = search.seek(&mut best, first, &mut progress)?;
+    if first.is_wanted && best.as_ref().is_none_or(|best| search.worst(best) > 1.0) {
+        is_astray |= search.seek(&mut best, D_OPTIMAL, &mut progress)?;
     }
     if is_astray || best.is_none() {
-        for other in others {
-            (best, _) = search.sought(best, other, &mut progress)?;
+        let [fast, slow] = [Bank::Fast, Bank::Slow].map(|bank| Way { bank: Some(bank), ..first });
+        for other in [Way { highest: 0.5, ..first }, fast, slow] {
+            search.seek(&mut best, other, &mut progress)?;
         }
     }
     progress(1.0);
@@ -329,38 +318,15 @@ pub fn sketch(expected: &Expected, limits: Limits) -> Result<Sketch, PlanError> 
     let limits = limits.checked(expected)?;
     let found = candidates(expected, &limits, QUICK, |_| ())?;
     let search = Search { expected, limits: &limits, wants: &[], found: &found };
-    let (lasting, told) =
-        search.lasting(limits.duration_s, search.ways().0).ok_or_else(|| nothing(expected, &limits, &found))?;
-    Ok(Sketch { parts: search.parts(&lasting)?, u95: told.budgets.map(|budget| f64::from(budget.u95())) })
-}
-
-/// A candidate in the form for the search.
-pub(super) fn choice<'a>(one: &'a Candidate, limits: &Limits) -> Choice<'a> {
-    let fade_s = fade_s(&one.tones, limits);
-    let shortest_s = 2.0 * fade_s + PERIODS / lowest_hz(&one.tones);
-    // The ramps contribute about half as much information.
-    Choice { information: &one.information, shortest_s, lost_s: fade_s }
+    let (chosen, told) =
+        search.lasting(limits.duration_s, D_OPTIMAL).ok_or_else(|| nothing(expected, &limits, &found))?;
+    let u95 = told.budgets.map(|budget| f64::from(budget.u95()));
+    Ok(Sketch { parts: search.parts(chosen)?, u95, limits })
 }
 
 /// The largest ratio of an interval to the wanted one.
 fn widest(told: &Told, wants: &[Want]) -> f64 {
     wants.iter().map(|want| f64::from(told.budgets[want.place].u95()) / want.u95).fold(0.0, f64::max)
-}
-
-/// The minimum time that is enough, within two percent; the longest if none is.
-fn least(shortest_s: f64, longest_s: f64, is_enough: impl Fn(f64) -> bool) -> f64 {
-    if longest_s <= shortest_s || !is_enough(longest_s) {
-        return longest_s;
-    }
-    if is_enough(shortest_s) {
-        return shortest_s;
-    }
-    let (mut low, mut high) = (shortest_s, longest_s);
-    while high > 1.02 * low {
-        let middle = (low * high).sqrt();
-        if is_enough(middle) { high = middle } else { low = middle }
-    }
-    high
 }
 
 /// Why nothing can be identified.

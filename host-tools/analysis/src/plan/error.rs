@@ -60,12 +60,12 @@ pub enum PlanError {
     Nothing { why: String },
 
     /// A run says too little about the device to plan another one.
-    #[error("this run does not describe the device well enough to plan from it: {why}")]
+    #[error("this run does not describe the device well enough to plan from it: its inertance is not known")]
     #[diagnostic(
         code(inerter::plan::run),
         help("state the expected device: --inertance-kg, --viscous-n-s-per-m and --coulomb-n")
     )]
-    Run { why: &'static str },
+    Run,
 
     /// The wanted intervals are out of reach.
     #[error("{what}")]

@@ -21,23 +21,10 @@ pub struct Expected {
     pub force_noise_n: f64,
 }
 
-/// Options of a simulation.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Look {
-    /// Seed of the noise, and of the encoder's phase within a count.
-    pub seed: u64,
-    /// Time from which the sums count \[s\].
-    pub from_s: f64,
-    /// Simulate the single readings that a sample sums, instead of their mean.
-    pub sums_readings: bool,
-    /// Keep the sums by speed.
-    pub by_speed: bool,
-}
-
 /// The result of a simulation.
 #[derive(Clone, Debug)]
 pub(super) struct Seen {
-    /// Its sums since [`Look::from_s`], of the fast and of the slow bank.
+    /// Its sums, of the fast and of the slow bank.
     pub products: [Products; 2],
     /// The same by speed, if requested.
     pub speeds: [Speeds; 2],
@@ -59,11 +46,6 @@ impl Expected {
     pub(super) fn own(&self) -> [f64; 4] {
         let [mt, cf, fc, offset] = self.law();
         [mt - self.settings.structure_mass_kg, cf, fc, offset]
-    }
-
-    /// The three parameters of the device.
-    pub fn three(&self) -> [f64; 3] {
-        [self.device.inertance_kg, self.device.viscous_n_s_per_m, self.device.coulomb_n]
     }
 
     /// The rig's instruments with their noise; each seed gives other noise and another encoder phase.
@@ -101,22 +83,32 @@ impl Expected {
         Self { settings, ..*self }
     }
 
-    /// Simulates the motion of the expected device for this long \[s\] and runs it through the estimator.
-    pub(super) fn see(&self, motion: &Excitation, duration_s: f64, look: Look) -> Result<Seen, PlanError> {
-        if !look.sums_readings && self.settings.oversampling > 1.0 {
-            return self.at_once().see(motion, duration_s, look);
-        }
-        let simulation = Simulation::new(self.device, motion.clone(), self.sensors(look.seed))?;
+    /// The same for a quick simulation, which takes one reading per sample.
+    pub(super) fn quick(&self) -> Self {
+        if self.settings.oversampling > 1.0 { self.at_once() } else { *self }
+    }
+
+    /// Simulates the motion of the expected device for this long \[s\] and runs it through the estimator; the seed is
+    /// that of the noise, and of the encoder's phase within a count. With a time \[s\] the sums count from then on, and
+    /// are also kept by speed.
+    pub(super) fn see(
+        &self,
+        motion: &Excitation,
+        duration_s: f64,
+        seed: u64,
+        from_s: Option<f64>,
+    ) -> Result<Seen, PlanError> {
+        let simulation = Simulation::new(self.device, motion.clone(), self.sensors(seed))?;
         let mut replay = Replay::new(&self.settings, 0.0)?;
         let (mut before, mut peaks, mut speeds) = (None, Peaks::default(), [Speeds::default(), Speeds::default()]);
         let mut last = [None; 2];
         for sample in simulation.lasting(duration_s) {
-            if before.is_none() && sample.t_s >= look.from_s {
+            if before.is_none() && sample.t_s >= from_s.unwrap_or(0.0) {
                 before = Some(products(&replay));
             }
             peaks.take(&sample.truth, self.device.structure_mass_kg);
             replay.step(&raw(&sample)).for_each(drop);
-            if look.by_speed && before.is_some() {
+            if from_s.is_some() && before.is_some() {
                 for ((last, now), speeds) in last.iter_mut().zip(products(&replay)).zip(&mut speeds) {
                     let update = now.zip(*last).map(|(now, last): (Products, Products)| now.since(&last));
                     update.filter(|update| update.updates() == 1.0).iter().for_each(|update| speeds.push(update));

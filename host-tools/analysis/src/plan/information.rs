@@ -24,6 +24,9 @@ pub(super) struct Information {
     speeds: [Speeds; 2],
 }
 
+/// The first of [`Together::means`] if the fast bank has no updates.
+const OF_NONE: [f64; 5] = [1.0, 0.0, 0.0, 0.0, 0.0];
+
 /// Sums over motions, and the other inputs of the intervals.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Together {
@@ -31,18 +34,13 @@ pub(super) struct Together {
     products: [Products; 2],
     /// Those away from rest.
     away: [Option<Products>; 2],
-    /// Fraction of the structure's mass that is lost because the structure moves across the gap.
-    apart: f64,
-    /// How often each stroke occurred.
-    repeats: f64,
     /// Number of reversals, each counted as often as its stroke has repeated.
     reversals_again: f64,
-    /// Fraction of the strokes that are as long as the previous one.
-    steady: f64,
-    /// Mean squares of the motion's frequency, weighted by the squared acceleration and velocity \[rad^2/s^2\].
-    squares: [f64; 2],
-    /// Viscous and Coulomb friction that the second derivative of the force imitates \[N s/m and N, per N/s^2\].
-    friction_in_curvature: [f64; 2],
+    /// Means over time: how often each stroke occurred; the fraction of the structure's mass that is lost because the
+    /// structure moves across the gap; the fraction of the strokes that are as long as the previous one; viscous and
+    /// Coulomb friction that the second derivative of the force imitates \[N s/m and N, per N/s^2\]. Means of the
+    /// motion's squared frequency, weighted by the squared acceleration and velocity \[rad^2/s^2\].
+    means: [f64; 7],
 }
 
 /// The resulting uncertainties.
@@ -58,7 +56,9 @@ pub(super) struct Told {
 impl Information {
     /// The information seen in this many seconds of samples.
     pub fn of(seen: Seen, seconds: f64) -> Self {
-        let all = Together { repeats: 1.0, reversals_again: 0.0, ..Together::of(&seen) }.times(1.0 / seconds);
+        let mut all = Together::of(&seen).times(1.0 / seconds);
+        // No stroke of a candidate repeats.
+        (all.means[0], all.reversals_again) = (1.0, 0.0);
         Self { all, speeds: seen.speeds.map(|speeds| speeds.times(1.0 / seconds).accumulated()) }
     }
 
@@ -78,20 +78,12 @@ impl Together {
             reversals_again,
             frequency_squared,
             low_squared,
-            friction_in_curvature,
+            friction_in_curvature: [viscous, coulomb],
             steady,
             ..
         } = seen.outcome.motion;
-        Self {
-            products: seen.products,
-            away: [None; 2],
-            apart: apart.into(),
-            reversals_again: reversals_again.into(),
-            repeats: repeats.into(),
-            steady: steady.into(),
-            squares: [frequency_squared.into(), low_squared.into()],
-            friction_in_curvature: friction_in_curvature.map(f64::from),
-        }
+        let means = [repeats, apart, steady, viscous, coulomb, frequency_squared, low_squared].map(f64::from);
+        Self { products: seen.products, away: [None; 2], reversals_again: reversals_again.into(), means }
     }
 
     /// Each for this many seconds; `None` if there are none.
@@ -111,33 +103,25 @@ impl Together {
     pub fn times(mut self, factor: f64) -> Self {
         self.products = self.products.map(|products| products.times(factor));
         self.reversals_again *= factor;
-        self.away = self.away.map(|away| away.map(|products| products.times(factor)));
         self
     }
 
     fn and(&self, other: &Self) -> Self {
-        let [mine, others] = [self, other].map(|each| each.products[0]);
-        // Sums, not mean squares: each counts according to its length.
-        let weights = |products: Products| products.mean_squares().map(|square| (square * products.updates()).max(0.0));
-        let (of_mine, of_others) = (weights(mine), weights(others));
-        let mean = |i: usize| {
-            let (a, b) = (of_mine[i], of_others[i]);
-            if a + b > 0.0 { (a * self.squares[i] + b * other.squares[i]) / (a + b) } else { self.squares[i] }
-        };
-        let (a, b) = (mine.updates(), others.updates());
-        let by_length = |mine: f64, others: f64, of_none: f64| {
-            if a + b > 0.0 { (a * mine + b * others) / (a + b) } else { of_none }
+        let [mine, others] = [self, other].map(|each| {
+            let length = each.products[0].updates();
+            // Sums, not mean squares: each counts according to its length.
+            let [acceleration, velocity] = each.products[0].mean_squares().map(|square| (square * length).max(0.0));
+            [length, length, length, length, length, acceleration, velocity]
+        });
+        let mean = |i: usize| match (mine[i], others[i]) {
+            (a, b) if a + b > 0.0 => (a * self.means[i] + b * other.means[i]) / (a + b),
+            _ => OF_NONE.get(i).copied().unwrap_or(self.means[i]),
         };
         Self {
             products: std::array::from_fn(|bank| self.products[bank].and(&other.products[bank])),
             away: [None; 2],
-            apart: by_length(self.apart, other.apart, 0.0),
             reversals_again: self.reversals_again + other.reversals_again,
-            repeats: by_length(self.repeats, other.repeats, 1.0),
-            steady: by_length(self.steady, other.steady, 0.0),
-            squares: [mean(0), mean(1)],
-            friction_in_curvature: [0, 1]
-                .map(|i| by_length(self.friction_in_curvature[i], other.friction_in_curvature[i], 0.0)),
+            means: std::array::from_fn(mean),
         }
     }
 
@@ -148,36 +132,24 @@ impl Together {
         products.beyond_explained(inertance_kg, expected.force_noise_n, &expected.settings).ok()
     }
 
-    /// The uncertainties for the expected device; `None` if a combination of parameters is not identified. If it is
-    /// uncertain which bank the estimator will use, the one with less information counts.
-    pub fn told(&self, expected: &Expected) -> Option<Told> {
-        let fast = || self.told_by(Bank::Fast, expected, 1.0);
-        let slow = || self.told_by(Bank::Slow, expected, 1.0);
-        let clear = self.clear_of_steps(expected);
-        if clear > CERTAIN {
-            return fast();
-        }
-        if clear < 1.0 / CERTAIN {
-            return slow();
-        }
-        let (fast, slow) = (fast()?, slow()?);
-        Some(if fast.log_det > slow.log_det { fast } else { slow })
-    }
-
-    /// The same if it is certain that the estimator will use this bank.
-    pub fn told_for_certain_by(&self, bank: Bank, expected: &Expected) -> Option<Told> {
-        let is_certain = match bank {
-            Bank::Fast => self.clear_of_steps(expected) > CERTAIN,
-            Bank::Slow => self.clear_of_steps(expected) < 1.0 / CERTAIN,
-        };
-        is_certain.then(|| self.told_by(bank, expected, 1.0)).flatten()
-    }
-
-    /// Squared ratio of the acceleration to that from which the estimator uses the fast bank.
-    fn clear_of_steps(&self, expected: &Expected) -> f64 {
+    /// The uncertainties for the expected device; `None` if a combination of parameters is not identified, or if it is
+    /// not certain that the estimator will use the `wanted` bank. If any bank will do and it is uncertain which one the
+    /// estimator will use, the one with less information counts.
+    pub fn told(&self, expected: &Expected, wanted: Option<Bank>) -> Option<Told> {
         let [fast, _] = &self.products;
         let [acceleration, _] = fast.mean_squares();
-        acceleration / (CLEAR_OF_STEPS * fast.steps_square(&expected.settings))
+        // Squared ratio of the acceleration to that from which the estimator uses the fast bank.
+        let clear = acceleration / (CLEAR_OF_STEPS * fast.steps_square(&expected.settings));
+        let of = |bank| self.told_by(bank, expected, 1.0);
+        match wanted {
+            None | Some(Bank::Fast) if clear > CERTAIN => of(Bank::Fast),
+            None | Some(Bank::Slow) if clear < 1.0 / CERTAIN => of(Bank::Slow),
+            None => {
+                let (fast, slow) = (of(Bank::Fast)?, of(Bank::Slow)?);
+                Some(if fast.log_det > slow.log_det { fast } else { slow })
+            }
+            Some(_) => None,
+        }
     }
 
     /// The same for one bank, if the law's mean square residual is this multiple of what noise and steps explain.
@@ -188,16 +160,18 @@ impl Together {
         let solved = |products: &Products| products.expected(expected.law(), noise_n, times, settings).ok();
         let solution = solved(&self.products[place])?;
         let [acceleration, _] = self.products[place].mean_squares();
+        let [repeats, apart, steady, viscous, coulomb, frequency_squared, low_squared] =
+            self.means.map(|mean| mean as f32);
         let motion = Motion {
-            repeats: self.repeats as f32,
-            apart: self.apart as f32,
-            frequency_squared: self.squares[0] as f32,
-            low_squared: self.squares[1] as f32,
+            repeats,
+            apart,
+            frequency_squared,
+            low_squared,
             acceleration_squared: (acceleration - self.products[place].steps_square(settings)) as f32,
             readings: self.products[place].readings(settings) as f32,
-            steady: self.steady as f32,
+            steady,
             reversals_again: self.reversals_again as f32,
-            friction_in_curvature: self.friction_in_curvature.map(|taken| taken as f32),
+            friction_in_curvature: [viscous, coulomb],
         };
         let spread = solution.scatter.in_motion(&motion);
         let systematic = Systematic::of(settings);

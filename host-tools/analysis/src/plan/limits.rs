@@ -2,6 +2,7 @@
 
 use inerter_core::Settings;
 use inerter_data::{names::unit, words::three_digits};
+use serde::Serialize;
 
 use super::{error::PlanError, expected::Expected, peaks::Peaks};
 
@@ -14,12 +15,14 @@ const HIGHEST_HZ: f64 = 25.0;
 /// Advice about a missing stroke.
 const STROKE: &str = "state how far the terminal may move to either side of its middle";
 /// Fraction of an instrument's range that a motion may use.
-const CLEAR: f64 = 0.9;
+pub(super) const CLEAR: f64 = 0.9;
+/// Range of what is more than 0.
+const MORE_THAN_0: (f64, f64) = (f64::from_bits(1), f64::INFINITY);
 /// Minimum encoder counts of a stroke, end to end.
 const FEWEST_COUNTS: f64 = 20.0;
 
 /// The limits of the rig.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize)]
 pub struct Limits {
     /// Displacement to either side of the middle \[m\].
     pub stroke_m: f64,
@@ -27,8 +30,6 @@ pub struct Limits {
     pub speed_m_per_s: f64,
     /// Force on the load cell \[N\]; infinite if not stated. The force channel's rails apply in any case.
     pub force_n: f64,
-    /// Acceleration of the screw \[m/s^2\]; the estimator's full scale applies in any case.
-    pub acceleration_m_per_s2: f64,
     /// Length of the motion \[s\].
     pub duration_s: f64,
     /// Lowest frequency \[Hz\].
@@ -36,6 +37,7 @@ pub struct Limits {
     /// Highest frequency \[Hz\].
     pub highest_hz: f64,
     /// Length of the ramps from rest and to rest \[s\].
+    #[serde(skip)]
     pub fade_s: f64,
 }
 
@@ -47,7 +49,6 @@ impl Default for Limits {
             stroke_m: f64::INFINITY,
             speed_m_per_s: f64::INFINITY,
             force_n: f64::INFINITY,
-            acceleration_m_per_s2: f64::INFINITY,
             duration_s: 20.0,
             lowest_hz: 0.0,
             highest_hz: 16.0,
@@ -59,23 +60,18 @@ impl Default for Limits {
 impl Limits {
     /// With the ranges of the instruments, and checked against the expected device.
     pub fn checked(self, expected: &Expected) -> Result<Self, PlanError> {
-        let positive = [
-            ("--stroke-m", self.stroke_m, STROKE),
-            ("--speed-m-per-s", self.speed_m_per_s, "leave it out where only stroke and force are limited"),
-            ("--force-n", self.force_n, "leave it out where only the load cell's range is a limit"),
-        ];
-        for (name, value, help) in positive {
-            if value <= 0.0 || value.is_nan() {
-                return Err(PlanError::Limit { name, value, wanted: "more than 0", help });
-            }
-        }
-        if self.stroke_m.is_infinite() {
-            return Err(PlanError::Unstated { missing: "--stroke-m", help: STROKE });
-        }
         let within = |name, value: f64, (min, max): (f64, f64), wanted, help| match (min..=max).contains(&value) {
             true => Ok(()),
             false => Err(PlanError::Limit { name, value, wanted, help }),
         };
+        within("--stroke-m", self.stroke_m, MORE_THAN_0, "more than 0", STROKE)?;
+        let help = "leave it out where only stroke and force are limited";
+        within("--speed-m-per-s", self.speed_m_per_s, MORE_THAN_0, "more than 0", help)?;
+        let help = "leave it out where only the load cell's range is a limit";
+        within("--force-n", self.force_n, MORE_THAN_0, "more than 0", help)?;
+        if self.stroke_m.is_infinite() {
+            return Err(PlanError::Unstated { missing: "--stroke-m", help: STROKE });
+        }
         let help = "accuracy grows only with the square root of the time";
         within("--duration", self.duration_s, DURATION_S, "from 2 to 600 s", help)?;
         within(
@@ -131,14 +127,8 @@ impl Limits {
                 help: "allow a larger force, or expect less friction",
             });
         }
-        let full = &expected.settings;
-        Ok(Self {
-            force_n,
-            lowest_hz,
-            speed_m_per_s: self.speed_m_per_s.min(CLEAR * full.full_scale_velocity_m_per_s),
-            acceleration_m_per_s2: self.acceleration_m_per_s2.min(CLEAR * full.full_scale_acceleration_m_per_s2),
-            ..self
-        })
+        let speed_m_per_s = self.speed_m_per_s.min(CLEAR * expected.settings.full_scale_velocity_m_per_s);
+        Ok(Self { force_n, lowest_hz, speed_m_per_s, ..self })
     }
 
     /// Factor by which a motion with these peaks may be enlarged; below 1 if it is too large.

@@ -19,24 +19,23 @@ mod limits;
 mod observed;
 mod part;
 mod peaks;
-mod planned;
 mod predict;
+mod report;
 mod search;
 mod speeds;
 mod words;
 
 pub use advice::{Advice, advice};
 pub use asked::Asked;
-pub use design::{Criterion, Plan, Sketch, design, sketch};
+pub use design::{Plan, Sketch, design};
 pub use error::PlanError;
 pub use expected::Expected;
 pub use limits::Limits;
-pub use observed::{Reach, observed, with_contact};
-pub use part::{Part, duration_s, in_a_row};
+pub use observed::{Reach, observed};
+pub use part::{Part, duration_s};
 pub use peaks::Peaks;
-pub use planned::Planned;
-pub use predict::{Predicted, Prediction, REHEARSALS, predict};
-pub use words::{interval_of, limits_text, part_text, peaks_text, source_words};
+pub use predict::{Predicted, Prediction, predict};
+pub use words::part_text;
 
 #[cfg(test)]
 #[path = "plan_tests.rs"]

@@ -22,7 +22,7 @@ const RIGID: (f64, f64) = (100.0, 0.5);
 const HARDEST: f64 = 2.0;
 
 /// Peaks of displacement, speed and force in a run, sample by sample.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Reach {
     settings: Settings,
     /// The latest samples: index, and unwrapped count.
@@ -41,17 +41,7 @@ pub struct Reach {
 impl Reach {
     /// Empty, for these settings.
     pub fn new(settings: &Settings) -> Self {
-        Self {
-            settings: *settings,
-            latest: VecDeque::new(),
-            counts: None,
-            greatest_step: 0,
-            codes: None,
-            forces: VecDeque::new(),
-            differences: Vec::new(),
-            stride: 5,
-            samples: 0,
-        }
+        Self { settings: *settings, stride: 5, ..Self::default() }
     }
 
     /// Adds the next sample.
@@ -135,7 +125,7 @@ pub fn observed(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Result
     let found = &outcome.estimate.whole_run;
     let Interval { value: inertance_kg, u95 } = found.inertance_kg.fitted();
     if !(inertance_kg > 0.0 && u95 < inertance_kg) {
-        return Err(PlanError::Run { why: "its inertance is not known" });
+        return Err(PlanError::Run);
     }
     let inertance_kg = f64::from(inertance_kg);
     let size = |parameter: &Parameter| f64::from(parameter.fitted().value).max(0.0);

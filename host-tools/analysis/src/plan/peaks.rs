@@ -1,9 +1,10 @@
 //! What a motion demands of the rig.
 
 use inerter_plant::Truth;
+use serde::Serialize;
 
 /// Peaks of displacement, speed and force.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Peaks {
     /// Displacement of the terminal \[m\].
     pub stroke_m: f64,

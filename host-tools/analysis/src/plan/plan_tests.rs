@@ -4,12 +4,10 @@ use inerter_needs::Random;
 use inerter_plant::{Excitation, Inerter, Sensors};
 
 use super::{
-    candidates::{Effort, candidates},
-    design::choice,
-    expected::Look,
+    candidates::{Candidate, Effort, candidates},
     information::Together,
     observed::Reach,
-    search::{Choice, times, together},
+    search::{times, together},
     *,
 };
 
@@ -38,8 +36,8 @@ fn no_other_shares_of_the_time_tell_more_than_the_design() {
     let limits = rig().checked(&expected).unwrap();
     let found = candidates(&expected, &limits, Effort { frequencies: 6, varied: true }, |_| ()).unwrap();
     assert!(found.len() > 10, "{}", found.len());
-    let choices: Vec<Choice> = found.iter().map(|one| choice(one, &limits)).collect();
-    let score = |all: &Together| all.told(&expected).map_or(f64::INFINITY, |told| told.log_det);
+    let choices: Vec<&Candidate> = found.iter().collect();
+    let score = |all: &Together| all.told(&expected, None).map_or(f64::INFINITY, |told| told.log_det);
     let (best, least) = times(&choices, 12.0, score).unwrap();
     assert!((best.iter().sum::<f64>() - 12.0).abs() < 1e-9 && least.is_finite());
     // Any three of them, with any shares, are no better.
@@ -78,11 +76,11 @@ fn a_design_keeps_its_limits_and_what_is_wanted_decides_its_length() {
         let Peaks { stroke_m, speed_m_per_s, force_n } = plan.prediction.peaks;
         assert!(stroke_m <= 0.01 && speed_m_per_s <= 0.1 && force_n <= 600.0, "{:?}", plan.prediction.peaks);
         assert!(plan.wants.iter().all(|want| plan.reached(want) <= want.u95), "{plan:?}");
-        assert!((plan.motion().duration_s() - plan.duration_s()).abs() < 1e-9 && plan.duration_s() <= 40.0);
-        let [start, end] = [0.0, plan.duration_s()].map(|t_s| plan.motion().at(t_s));
+        assert!((plan.motion.duration_s() - plan.duration_s).abs() < 1e-9 && plan.duration_s <= 40.0);
+        let [start, end] = [0.0, plan.duration_s].map(|t_s| plan.motion.at(t_s));
         assert_eq!((start.x_m, end.x_m), (0.0, 0.0));
     }
-    assert!(fine.duration_s() > 1.2 * coarse.duration_s(), "{} {}", fine.duration_s(), coarse.duration_s());
+    assert!(fine.duration_s > 1.2 * coarse.duration_s, "{} {}", fine.duration_s, coarse.duration_s);
 }
 
 #[test]
@@ -92,7 +90,7 @@ fn what_calibration_alone_forbids_does_not_stretch_the_motion() {
     let wants = wants::parse("mt to 0.1 %, fc to 1 N", Machine::Linear, [299.4906, 31.4, 50.0, 0.0]).unwrap();
     let plan = design(&expected, Limits { duration_s: 60.0, ..rig() }, &wants, |_| ()).unwrap();
     let [of_inertance, of_coulomb] = wants.as_slice() else { panic!("{wants:?}") };
-    assert!(plan.reached(of_coulomb) <= 1.0 && plan.duration_s() < 10.0, "{}", plan.duration_s());
+    assert!(plan.reached(of_coulomb) <= 1.0 && plan.duration_s < 10.0, "{}", plan.duration_s);
     assert!(plan.floor(of_inertance) > 1.4 && plan.enough_s(of_inertance).is_none());
 }
 
@@ -100,8 +98,7 @@ fn what_calibration_alone_forbids_does_not_stretch_the_motion() {
 fn sums_by_speed_hold_all_updates() {
     let expected = paper();
     let motion = Excitation::parse("mid", 1).unwrap();
-    let look = Look { seed: 3, by_speed: true, ..Look::default() };
-    let seen = expected.see(&motion, 6.0, look).unwrap();
+    let seen = expected.quick().see(&motion, 6.0, 3, Some(0.0)).unwrap();
     let [fast, _] = seen.products;
     let speeds = seen.speeds[0].clone().accumulated();
     let all = speeds.above(1e-9).unwrap();
@@ -126,7 +123,7 @@ fn the_reach_of_a_run_is_that_of_its_motion() {
         replay.step(&raw).for_each(drop);
     }
     let (found, limits) = observed(&replay.outcome(), &expected.settings, &reach).unwrap();
-    let seen = expected.see(&motion, 10.0, Look { seed: 5, ..Look::default() }).unwrap();
+    let seen = expected.quick().see(&motion, 10.0, 5, None).unwrap();
     // The screw's, which moves slightly more than the terminal.
     assert!((limits.stroke_m / seen.peaks.stroke_m - 1.0).abs() < 0.1, "{limits:?} {:?}", seen.peaks);
     assert!((limits.speed_m_per_s / seen.peaks.speed_m_per_s - 1.0).abs() < 0.2, "{limits:?} {:?}", seen.peaks);

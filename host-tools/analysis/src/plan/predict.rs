@@ -14,7 +14,7 @@ use inerter_plant::Excitation;
 
 use super::{
     error::PlanError,
-    expected::{Expected, Look, Seen},
+    expected::{Expected, Seen},
     information::{Together, Told},
     peaks::Peaks,
 };
@@ -71,9 +71,9 @@ impl Predicted {
         self.u95() < self.value.abs()
     }
 
-    /// The largest source of its interval.
-    pub fn most(&self) -> Source {
-        let parts = self.budget.parts().into_iter();
+    /// The largest source of its interval; without noise, of what does not average out.
+    pub fn most(&self, with_noise: bool) -> Source {
+        let parts = self.budget.parts().into_iter().filter(|(source, _)| with_noise || *source != Source::Noise);
         parts.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(Source::Noise, |(source, _)| source)
     }
 }
@@ -128,8 +128,7 @@ pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Res
             given: known.len() as f64 / count,
         }
     };
-    let first = seen.first().ok_or_else(|| PlanError::Nothing { why: "nothing was rehearsed".into() })?;
-    let Detail { band, backlash, .. } = first.outcome.detail;
+    let Detail { band, backlash, .. } = seen[0].outcome.detail;
     Ok(Prediction {
         parameters: std::array::from_fn(predicted),
         backlash,
@@ -143,21 +142,17 @@ pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Res
 /// All rehearsals, on all available cores.
 fn rehearsed(expected: &Expected, motion: &Excitation, duration_s: f64) -> Result<Vec<Seen>, PlanError> {
     let cores = thread::available_parallelism().map_or(1, usize::from) as u64;
-    let run = |number: u64| {
-        let look = Look { seed: BEFORE_FIRST + number, sums_readings: true, ..Look::default() };
-        expected.see(motion, duration_s, look).map(|seen| (number, seen))
-    };
-    let part = |first: u64| (first..=REHEARSALS).step_by(cores as usize).map(run).collect::<Result<Vec<_>, _>>();
-    let mut seen = thread::scope(|scope| {
-        let others: Vec<_> = (2..=cores.min(REHEARSALS)).map(|first| scope.spawn(move || part(first))).collect();
-        let mut seen = part(1)?;
-        for other in others {
-            seen.extend(other.join().map_err(|_| PlanError::Nothing { why: "a rehearsal failed".into() })??);
+    let share = REHEARSALS.div_ceil(cores);
+    let run = |number: u64| expected.see(motion, duration_s, BEFORE_FIRST + number, None);
+    let part = |first: u64| (first..=REHEARSALS).take(share as usize).map(run).collect::<Result<Vec<_>, _>>();
+    thread::scope(|scope| {
+        let parts = (1..=REHEARSALS).step_by(share as usize).map(|first| scope.spawn(move || part(first)));
+        let mut seen = Vec::new();
+        for part in parts.collect::<Vec<_>>() {
+            seen.extend(part.join().map_err(|_| PlanError::Nothing { why: "a rehearsal failed".into() })??);
         }
-        Ok::<_, PlanError>(seen)
-    })?;
-    seen.sort_by_key(|(number, _)| *number);
-    Ok(seen.into_iter().map(|(_, seen)| seen).collect())
+        Ok(seen)
+    })
 }
 
 /// Mean square of the finite values; 0 if there are none.

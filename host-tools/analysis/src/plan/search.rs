@@ -6,7 +6,7 @@
 //! what the estimator would state for the sum: the optimum is that of its intervals, not a textbook's. Source:
 //! Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS, 9 to 12.
 
-use super::information::{Information, Together};
+use super::{candidates::Candidate, information::Together};
 
 /// Portions of the total time that are exchanged; the last one is about the accuracy of the result.
 const PORTIONS: [f64; 5] = [0.3, 0.1, 0.03, 0.01, 0.003];
@@ -19,22 +19,12 @@ const STARTS: usize = 4;
 /// Maximum number of motions in a sequence.
 const MOST: usize = 6;
 
-/// A motion to choose from.
-pub(super) struct Choice<'a> {
-    /// Its information per second.
-    pub information: &'a Information,
-    /// Minimum time that it takes \[s\].
-    pub shortest_s: f64,
-    /// Part of its time without information \[s\].
-    pub lost_s: f64,
-}
-
 /// Chosen times of each motion \[s\], and their score.
 type Times = (Vec<f64>, f64);
 
 /// How long each should last so that together they fill this time with the lowest score; `None` if no motion has a
 /// score.
-pub(super) fn times(choices: &[Choice<'_>], seconds: f64, score: impl Fn(&Together) -> f64) -> Option<Times> {
+pub(super) fn times(choices: &[&Candidate], seconds: f64, score: impl Fn(&Together) -> f64) -> Option<Times> {
     let alone = (0..choices.len()).filter_map(|place| {
         let mut times = vec![0.0; choices.len()];
         times[place] = seconds;
@@ -49,13 +39,14 @@ pub(super) fn times(choices: &[Choice<'_>], seconds: f64, score: impl Fn(&Togeth
 }
 
 /// The total information; `None` if no time is assigned.
-pub(super) fn together(choices: &[Choice<'_>], times: &[f64]) -> Option<Together> {
-    let parts = choices.iter().zip(times).filter(|(choice, seconds)| **seconds > choice.lost_s);
-    Together::lasting(parts.map(|(choice, seconds)| (seconds - choice.lost_s, choice.information)))
+pub(super) fn together(choices: &[&Candidate], times: &[f64]) -> Option<Together> {
+    // The ramps contribute about half as much information.
+    let parts = choices.iter().zip(times).filter(|(choice, seconds)| **seconds > choice.part.fade_s);
+    Together::lasting(parts.map(|(choice, seconds)| (seconds - choice.part.fade_s, &choice.information)))
 }
 
 /// Exchanges times until no exchange improves the score.
-fn exchanged(choices: &[Choice<'_>], start: Times, seconds: f64, score: &impl Fn(&Together) -> f64) -> Times {
+fn exchanged(choices: &[&Candidate], start: Times, seconds: f64, score: &impl Fn(&Together) -> f64) -> Times {
     let (mut times, mut found) = start;
     for portion in PORTIONS {
         for _ in 0..MOST_EXCHANGES {
@@ -76,12 +67,12 @@ fn exchanged(choices: &[Choice<'_>], start: Times, seconds: f64, score: &impl Fn
 }
 
 /// The times after one motion has given a portion of its time to another; all of it if too little would be left.
-fn given(choices: &[Choice<'_>], times: &[f64], giver: usize, taker: usize, seconds: f64) -> Option<Vec<f64>> {
+fn given(choices: &[&Candidate], times: &[f64], giver: usize, taker: usize, seconds: f64) -> Option<Vec<f64>> {
     let (has, takes) = (times[giver], times[taker]);
     if giver == taker || has <= 0.0 {
         return None;
     }
-    let (from, to) = (&choices[giver], &choices[taker]);
+    let (from, to) = (choices[giver], choices[taker]);
     let mut moved = seconds.max(to.shortest_s - takes);
     if has - moved < from.shortest_s {
         moved = has;

@@ -8,6 +8,7 @@ use inerter_data::{
 use inerter_plant::Tone;
 
 use super::{limits::Limits, part::Part, peaks::Peaks};
+use crate::law::ends;
 
 /// An amplitude in mm, or in mrad for a rotary machine: `±7.08 mm`.
 fn stroke_text(machine: Machine, metres: f64) -> String {
@@ -21,11 +22,8 @@ pub fn part_text(machine: Machine, part: &Part) -> String {
             format!("{} Hz at {}", three_digits(*frequency_hz), stroke_text(machine, *amplitude_m))
         }
         tones => {
-            let range = |of: fn(&Tone) -> f64| {
-                let each = || tones.iter().map(of);
-                (each().fold(f64::INFINITY, f64::min), each().fold(0.0, f64::max))
-            };
-            let ((low_hz, high_hz), (least, most)) = (range(|tone| tone.frequency_hz), range(|tone| tone.amplitude_m));
+            let (low_hz, high_hz) = ends(tones.iter().map(|tone| tone.frequency_hz));
+            let (least, most) = ends(tones.iter().map(|tone| tone.amplitude_m));
             format!(
                 "{} tones from {} to {} Hz, ±{} to {}",
                 tones.len(),
@@ -58,8 +56,12 @@ fn reach_text(machine: Machine, stroke_m: f64, speed_m_per_s: f64, force_n: f64)
 /// A parameter with an interval: `cf to ± 1.2 N s/m`.
 pub fn interval_of(machine: Machine, place: usize, u95: f64) -> String {
     let field = parameter(machine, place);
-    let digits = if u95 < 1e-4 { format!("{u95:.1e}") } else { rounded_text(u95, u95) };
-    format!("{} to ± {digits} {}", field.symbol, field.unit)
+    format!("{} to ± {} {}", field.symbol, digits(u95), field.unit)
+}
+
+/// The two digits of a half width that matter, however small it is.
+pub(super) fn digits(u95: f64) -> String {
+    if u95 < 1e-4 { format!("{u95:.1e}") } else { rounded_text(u95, u95) }
 }
 
 /// The main source of an interval, and how to reduce it.

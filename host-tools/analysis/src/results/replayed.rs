@@ -174,7 +174,7 @@ impl LimitsJson {
 /// clearly better, and the predicted intervals, as half widths.
 fn advice_json(advice: &Advice, machine: Machine) -> Value {
     let names = |places: &[usize]| places.iter().map(|place| name(*place)).collect::<Vec<_>>();
-    let sketch = advice.motion.as_ref().map(|(sketch, _)| sketch);
+    let sketch = advice.motion.as_ref();
     // Null if it is infinite.
     let u95 = |(place, u95): (usize, &f64)| (name(place).to_string(), json!({ "u95": u95 }));
     json!({

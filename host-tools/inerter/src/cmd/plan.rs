@@ -124,7 +124,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let planned = planned?;
     let (files, texts): (Vec<_>, Vec<_>) = args.files.write(&planned)?.into_iter().unzip();
     planned.remarks().iter().for_each(note);
-    let machine = planned.expected().settings.machine;
+    let machine = planned.expected.settings.machine;
     if args.json {
         print_machine_json(machine, &planned.json(&files))?;
     } else {

@@ -1,6 +1,6 @@
-//! A planned motion, for a person and for a program.
+//! A plan, for a person and for a program.
 
-use inerter_core::{Backlash, Machine, Source};
+use inerter_core::{Backlash, Machine};
 use inerter_data::{
     csv::motion::Point,
     json::BacklashJson,
@@ -10,19 +10,16 @@ use inerter_data::{
     wants::Want,
     words::{code, duration_text, rounded_text, three_digits},
 };
-use inerter_plant::{Excitation, Inerter};
+use inerter_plant::Inerter;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::{
-    design::{Criterion, Plan},
+    design::Plan,
     error::PlanError,
-    expected::Expected,
-    limits::Limits,
     part::Part,
-    peaks::Peaks,
     predict::{Predicted, Prediction},
-    words::{interval_of, limits_text, part_text, peaks_text, source_words},
+    words::{digits, interval_of, limits_text, part_text, peaks_text, source_words},
 };
 
 /// Ratio of the scatter to what the interval covers above which it is reported.
@@ -30,54 +27,7 @@ const SCATTERS: f64 = 1.3;
 /// Fraction of rehearsals with a broken law above which it is reported.
 const BREAKS: f64 = 0.1;
 
-/// A motion and its predicted intervals for the expected device.
-#[derive(Clone, Debug)]
-pub struct Planned {
-    expected: Expected,
-    plan: Option<Plan>,
-    /// The text of the motion, if it was given.
-    given: Option<String>,
-    motion: Excitation,
-    duration_s: f64,
-    prediction: Prediction,
-    limits: Limits,
-    /// The stated limits, which a given motion may exceed.
-    stated: Limits,
-}
-
-impl Planned {
-    /// A designed motion.
-    pub(super) fn of(expected: Expected, plan: Plan) -> Self {
-        Self {
-            expected,
-            motion: plan.motion(),
-            duration_s: plan.duration_s(),
-            prediction: plan.prediction.clone(),
-            limits: plan.limits,
-            stated: plan.limits,
-            given: None,
-            plan: Some(plan),
-        }
-    }
-
-    /// A given motion.
-    pub(super) fn given(
-        expected: Expected,
-        text: &str,
-        motion: Excitation,
-        duration_s: f64,
-        prediction: Prediction,
-        limits: Limits,
-        stated: Limits,
-    ) -> Self {
-        Self { expected, plan: None, given: Some(text.into()), motion, duration_s, prediction, limits, stated }
-    }
-
-    /// The expected device.
-    pub fn expected(&self) -> &Expected {
-        &self.expected
-    }
-
+impl Plan {
     fn machine(&self) -> Machine {
         self.expected.settings.machine
     }
@@ -92,28 +42,19 @@ impl Planned {
         })
     }
 
-    /// Its length \[s\].
-    pub fn duration_s(&self) -> f64 {
-        self.duration_s
-    }
-
-    /// What it needs from the rig.
-    pub fn peaks(&self) -> Peaks {
-        self.prediction.peaks
-    }
-
     /// The stroke of the rig, or of the motion if none was stated \[m\].
     pub fn stroke_m(&self) -> f64 {
-        let stroke_m = self.stated.stroke_m;
-        if stroke_m.is_finite() { stroke_m.max(self.peaks().stroke_m) } else { self.peaks().stroke_m }
+        let (stated_m, peak_m) = (self.stated.stroke_m, self.prediction.peaks.stroke_m);
+        if stated_m.is_finite() { stated_m.max(peak_m) } else { peak_m }
     }
 
     /// Wanted intervals that are out of reach, and why; `None` if there are none.
     pub fn missed(&self) -> Option<PlanError> {
-        let missed: Vec<_> = self.wanted().filter(|(plan, want)| plan.reached(want) > want.u95).collect();
-        let (plan, want) = missed.first()?;
-        let first = self.most(plan, want).unwrap_or(Source::Noise);
-        let all: Vec<String> = missed.iter().map(|(plan, want)| self.missed_text(plan, want)).collect();
+        let missed: Vec<&Want> = self.wants.iter().filter(|want| self.reached(want) > want.u95).collect();
+        let want = missed.first()?;
+        // If no time is enough, only what does not average out matters.
+        let first = self.of(want).most(self.enough_s(want).is_some());
+        let all: Vec<String> = missed.iter().map(|want| self.missed_text(want)).collect();
         Some(PlanError::Missed {
             what: format!("out of reach: {}", all.join("; ")),
             help: format!("the largest part is {}", source_words(self.machine(), first)),
@@ -121,11 +62,11 @@ impl Planned {
     }
 
     /// Why a wanted interval cannot be reached.
-    fn missed_text(&self, plan: &Plan, want: &Want) -> String {
-        let reached = plan.reached(want);
+    fn missed_text(&self, want: &Want) -> String {
+        let reached = self.reached(want);
         let wanted = interval_of(self.machine(), want.place, want.u95);
         let symbol = parameter(self.machine(), want.place).symbol;
-        match plan.enough_s(want) {
+        match self.enough_s(want) {
             _ if !reached.is_finite() => format!("{wanted}: this motion gives no value"),
             Some(seconds) => format!(
                 "{wanted}: ± {} is the best within {}, about {} would suffice",
@@ -134,25 +75,10 @@ impl Planned {
                 duration_text(seconds)
             ),
             None => {
-                let floor = rounded_text(plan.floor(want), plan.floor(want));
+                let floor = rounded_text(self.floor(want), self.floor(want));
                 format!("{wanted}: no duration suffices, as ± {floor} of {symbol} does not average out")
             }
         }
-    }
-
-    /// The wanted intervals of a plan, with the plan.
-    fn wanted(&self) -> impl Iterator<Item = (&Plan, &Want)> {
-        self.plan.iter().flat_map(|plan| plan.wants.iter().map(move |want| (plan, want)))
-    }
-
-    /// The largest source of its interval; if no time is enough, the largest of those that do not average out.
-    fn most(&self, plan: &Plan, want: &Want) -> Option<Source> {
-        let predicted = &self.prediction.parameters[want.place];
-        if plan.enough_s(want).is_some() {
-            return Some(predicted.most());
-        }
-        let parts = predicted.budget.parts().into_iter().filter(|(source, _)| *source != Source::Noise);
-        parts.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(source, _)| source)
     }
 
     /// Remarks for a person, besides the numbers.
@@ -202,16 +128,14 @@ impl Planned {
 
     fn heading(&self) -> String {
         let time = duration_text(self.duration_s);
-        let why = match (&self.given, self.plan.as_ref().map(|plan| plan.criterion)) {
-            (Some(text), _) => return format!("motion `{text}` of {time}"),
-            (None, Some(Criterion::Wanted)) => "as short as the wanted intervals allow",
-            (None, _) => "D-optimal for mt, cf and fc",
-        };
+        if let Some(text) = &self.given {
+            return format!("motion `{text}` of {time}");
+        }
+        let why = if self.is_wanted { "as short as the wanted intervals allow" } else { "D-optimal for mt, cf and fc" };
         format!("motion of {time} within {}, {why}", limits_text(self.machine(), &self.limits))
     }
 
     fn lines(&self) -> Vec<String> {
-        let parts = self.plan.iter().flat_map(|plan| &plan.parts);
         let line = |part: &Part| {
             let fade = three_digits(part.fade_s);
             format!(
@@ -220,7 +144,7 @@ impl Planned {
                 part_text(self.machine(), part)
             )
         };
-        parts.map(line).collect()
+        self.parts.iter().map(line).collect()
     }
 
     /// For a person.
@@ -228,7 +152,7 @@ impl Planned {
         let (expected, machine) = (&self.expected, self.machine());
         let mut text = vec![self.heading()];
         text.extend(self.lines().into_iter().map(|line| format!("  {line}")));
-        text.push(format!("it needs {} from the rig", peaks_text(machine, &self.peaks())));
+        text.push(format!("it needs {} from the rig", peaks_text(machine, &self.prediction.peaks)));
         text.push(String::new());
         text.push(format!(
             "{:<20} {:<6} {:<10} {:<10} {:<10} {:<10} {}",
@@ -245,8 +169,8 @@ impl Planned {
             three_digits(backlash),
             backlash_words(&self.prediction.backlash)
         ));
-        for (plan, want) in self.wanted() {
-            let reached = plan.reached(want);
+        for want in &self.wants {
+            let reached = self.reached(want);
             let verdict = match (reached <= want.u95, reached.is_finite()) {
                 (true, _) => format!("reached, ± {}", rounded_text(reached, reached)),
                 (false, true) => format!("not reached, ± {}", rounded_text(reached, reached)),
@@ -261,18 +185,18 @@ impl Planned {
     /// is null in JSON.
     pub fn json<F: Serialize>(&self, files: &[F]) -> Value {
         let expected = &self.expected;
-        let Limits { stroke_m, speed_m_per_s, force_n, duration_s, lowest_hz, highest_hz, .. } = self.stated;
-        let Prediction { parameters, backlash, band_hz, bank, broken, .. } = &self.prediction;
+        let Prediction { parameters, backlash, peaks, band_hz, bank, broken } = &self.prediction;
         let name = |place: usize| parameter(Machine::Linear, place).path;
         let predicted: Map<String, Value> = parameters
             .iter()
             .enumerate()
             .map(|(place, predicted)| (name(place).to_string(), predicted_json(place, predicted)))
             .collect();
-        let want = |(plan, want): (&Plan, &Want)| {
+        let want = |want: &Want| {
+            let reached = self.reached(want);
             json!({
-                "parameter": name(want.place), "wanted": want.u95, "reached": plan.reached(want),
-                "is_reached": plan.reached(want) <= want.u95, "floor": plan.floor(want), "enough_s": plan.enough_s(want),
+                "parameter": name(want.place), "wanted": want.u95, "reached": reached,
+                "is_reached": reached <= want.u95, "floor": self.floor(want), "enough_s": self.enough_s(want),
             })
         };
         let device: Map<String, Value> = Inerter::TABLE
@@ -280,22 +204,18 @@ impl Planned {
             .zip(expected.device.values())
             .map(|(field, value)| (field.name.to_string(), value.into()))
             .collect();
-        let peaks = self.peaks();
         json!({
             "kind": "plan",
-            "criterion": match &self.plan {
-                None => "given",
-                Some(Plan { criterion: Criterion::Wanted, .. }) => "wanted",
-                Some(_) => "d_optimal",
+            "criterion": match self.given {
+                Some(_) => "given",
+                None if self.is_wanted => "wanted",
+                None => "d_optimal",
             },
             "duration_s": self.duration_s,
             "motion": self.given,
-            "parts": self.plan.iter().flat_map(|plan| &plan.parts).map(Part::json).collect::<Vec<_>>(),
-            "limits": {
-                "stroke_m": stroke_m, "speed_m_per_s": speed_m_per_s, "force_n": force_n,
-                "duration_s": duration_s, "lowest_hz": lowest_hz, "highest_hz": highest_hz,
-            },
-            "peaks": { "stroke_m": peaks.stroke_m, "speed_m_per_s": peaks.speed_m_per_s, "force_n": peaks.force_n },
+            "parts": self.parts.iter().map(Part::json).collect::<Vec<_>>(),
+            "limits": self.stated,
+            "peaks": peaks,
             "expected": device,
             "force_noise_n": expected.force_noise_n,
             "predicted": predicted,
@@ -303,7 +223,7 @@ impl Planned {
             "bank": code(bank),
             "band_hz": band_hz,
             "broken": broken,
-            "wants": self.wanted().map(want).collect::<Vec<_>>(),
+            "wants": self.wants.iter().map(want).collect::<Vec<_>>(),
             "files": files,
         })
     }
@@ -318,7 +238,7 @@ fn predicted_json(place: usize, predicted: &Predicted) -> Value {
         (true, false) if place < 3 => "below_u95",
         (true, _) => "ok",
     };
-    let most = predicted.is_given().then(|| source_word(predicted.most()));
+    let most = predicted.is_given().then(|| source_word(predicted.most(true)));
     let part = |(source, u95)| PartJson { source: source_word(source), u95 };
     json!({
         "value": predicted.value,
@@ -347,9 +267,8 @@ fn row(machine: Machine, place: usize, predicted: &Predicted) -> String {
         let part = (predicted.given * 100.0).round();
         return format!("{begin} not identifiable: a value in {part} % of the rehearsals");
     }
-    let digits = |value: f64| if value < 1e-4 { format!("{value:.1e}") } else { rounded_text(value, value) };
     let below = if place < 3 && !predicted.is_shown() { " (may be none)" } else { "" };
-    let source = source_words(machine, predicted.most());
+    let source = source_words(machine, predicted.most(true));
     let source = source.split_once(':').map_or(source.as_str(), |(what, _)| what).to_string();
     format!(
         "{begin} {:<10} {:<10} {:<10} {source}{below}",
