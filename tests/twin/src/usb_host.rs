@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 mod descriptors;
 pub mod serial;
 
-pub use descriptors::{Description, DescriptorError, Endpoint, EndpointKind, Text};
+pub use descriptors::{Description, DescriptorError, Endpoint};
 
 /// A device at the end of a cable.
 pub trait Socket {
@@ -288,10 +288,10 @@ impl UsbHost {
         let mut description = Description::parse(&device, &configuration)?;
         let languages = self.get_descriptor(socket, 3, 0, 0, 255)?;
         let language = descriptors::first_language(&languages)?;
-        for string in [&mut description.manufacturer, &mut description.product, &mut description.serial] {
-            if string.index != 0 {
-                let bytes = self.get_descriptor(socket, 3, string.index, language, 255)?;
-                string.text = descriptors::string(&bytes)?;
+        let strings = [&mut description.manufacturer, &mut description.product, &mut description.serial];
+        for (string, &index) in strings.into_iter().zip(&device[14..]) {
+            if index != 0 {
+                *string = descriptors::string(&self.get_descriptor(socket, 3, index, language, 255)?)?;
             }
         }
         self.configure(socket, description.configuration)?;

@@ -39,11 +39,9 @@ impl SerialPort {
     }
 
     /// Clears DTR and RTS and cancels the reads, in Linux's order.
-    pub fn close(self, host: &mut UsbHost, socket: &mut impl Socket) -> Carried {
+    pub fn close(mut self, host: &mut UsbHost, socket: &mut impl Socket) -> Carried {
         let result = set_control_lines(host, socket, false, false);
-        for number in self.reads {
-            host.cancel(number);
-        }
+        self.stop_reading(host);
         result
     }
 
