@@ -158,17 +158,12 @@ impl Model {
     /// Cycles of a block whose missing double words are read while it executes. Only the first read after a branch
     /// cannot be done in advance.
     fn fetch(&mut self, code: std::ops::Range<u32>, execution: u64, follows: bool, access: &Access) -> u64 {
-        let (mut missing, mut held) = (0, None);
-        for read in code.start / access.width..=(code.end - 1) / access.width {
-            let address = read * access.width;
-            let line = address / LINE;
-            // A line is looked up once per block, as its reads are consecutive.
-            let is_held = match held {
-                Some((known, is_held)) if known == line => is_held,
-                _ => self.least.hit(address) && access.instruction_cache,
-            };
-            held = Some((line, is_held));
-            missing += u64::from(!is_held);
+        let mut missing = 0;
+        for line in code.start / LINE..=(code.end - 1) / LINE {
+            if !self.least.hit(line * LINE) || !access.instruction_cache {
+                let read = code.start.max(line * LINE)..code.end.min((line + 1) * LINE);
+                missing += u64::from((read.end - 1) / access.width - read.start / access.width + 1);
+            }
         }
         let unhidden = if follows || missing == 0 { 0 } else { access.wait_states };
         (execution + unhidden).max(missing * (access.wait_states + 1))

@@ -121,10 +121,12 @@ pub fn take_command(bytes: &mut Vec<u8>) -> Result<Option<Request>, Foreign> {
     }
 }
 
+fn big_endian(numbers: &[u32]) -> Vec<u8> {
+    numbers.iter().flat_map(|number| number.to_be_bytes()).collect()
+}
+
 fn header(code: u16, status: u32) -> Vec<u8> {
-    let mut bytes = (u32::from(VERSION) << 16 | u32::from(code)).to_be_bytes().to_vec();
-    bytes.extend(status.to_be_bytes());
-    bytes
+    big_endian(&[u32::from(VERSION) << 16 | u32::from(code), status])
 }
 
 fn padded(text: &str, length: usize) -> Vec<u8> {
@@ -136,9 +138,7 @@ fn padded(text: &str, length: usize) -> Vec<u8> {
 fn device(description: &Description) -> Vec<u8> {
     let mut bytes = padded("/twin/1-1", PATH);
     bytes.extend(padded(BUS_NAME, BUS_ID));
-    for number in [BUS, DEVICE, FULL_SPEED] {
-        bytes.extend(number.to_be_bytes());
-    }
+    bytes.extend(big_endian(&[BUS, DEVICE, FULL_SPEED]));
     for number in [description.vendor, description.product_number, description.version] {
         bytes.extend(number.to_be_bytes());
     }
@@ -170,11 +170,7 @@ pub fn imported(description: Result<&Description, Refusal>) -> Vec<u8> {
 }
 
 fn returned(code: u32, sequence: u32, status: i32, moved: usize) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(HEADER);
-    for number in [code, sequence, 0, 0, 0, status as u32, moved as u32, 0, 0, 0, 0, 0] {
-        bytes.extend(number.to_be_bytes());
-    }
-    bytes
+    big_endian(&[code, sequence, 0, 0, 0, status as u32, moved as u32, 0, 0, 0, 0, 0])
 }
 
 /// The reply to [`Request::Submit`]: Linux error number or 0, number of bytes transferred, and the data for the host.
