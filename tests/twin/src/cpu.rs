@@ -55,15 +55,6 @@ pub enum Faults {
     Taken,
 }
 
-/// The program's location.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Place {
-    /// Address of the instruction.
-    pub pc: u32,
-    /// Return address of its function, if it is still in LR.
-    pub lr: u32,
-}
-
 /// Why a run ended early.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Stop {
@@ -437,10 +428,9 @@ impl Cpu {
         Ok(self.uc.mem_write(rom::FLASH_KB_AT.into(), &kb.to_le_bytes())?)
     }
 
-    /// Location of the program; after an access that no model handles, the start of the block that made it.
-    pub fn place(&self) -> Place {
-        let pc = self.core().failed.unwrap_or_else(|| self.register(R::PC) & !1);
-        Place { pc, lr: self.register(R::LR) }
+    /// Address of the instruction; after an access that no model handles, the start of the block that made it.
+    pub fn pc(&self) -> u32 {
+        self.core().failed.unwrap_or_else(|| self.register(R::PC) & !1)
     }
 
     fn masks(uc: &Unicorn<Core>) -> Masks {
@@ -507,7 +497,7 @@ impl Cpu {
             self.set(register, 0)?;
         }
         self.set(R::LR, u32::MAX)?;
-        self.jump(flash::START)
+        self.jump()
     }
 
     /// Starts at the ROM's boot loader vectors, after a start that selects the ROM.
@@ -534,11 +524,11 @@ impl Cpu {
         Ok(self.uc.ctl_flush_tb()?)
     }
 
-    /// Enters a program as a boot loader does: SP and PC come from its vectors, everything else stays.
-    pub fn jump(&mut self, vectors: u32) -> Ran {
+    /// Enters the program in flash as a boot loader does: SP and PC come from its vectors, everything else stays.
+    pub fn jump(&mut self) -> Ran {
         let core = self.core_mut();
         (core.asleep, core.stop, core.failed, core.unmapped) = (None, None, None, None);
-        let vector = |at: u32| core.vector(vectors + at).unwrap_or(0);
+        let vector = |at: u32| core.vector(flash::START + at).unwrap_or(0);
         let (stack, start) = (vector(0), vector(4));
         self.set(R::SP, stack)?;
         self.set(R::PC, start | 1)

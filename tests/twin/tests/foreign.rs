@@ -89,7 +89,7 @@ fn stm32g4xx_hal_pwm_is_100_hz() {
 fn stm32g4xx_hal_button_panics_as_on_a_board() {
     let Some(mut machine) = foreign("button", Still) else { return };
     let ended = machine.run_for(0.05).expect_err("a panic");
-    assert_eq!((ended.stop, ended.pc_function.as_deref()), (Stop::Undefined, Some("__rustc::rust_begin_unwind")));
+    assert_eq!((ended.stop, ended.pc.1.as_deref()), (Stop::Undefined, Some("__rustc::rust_begin_unwind")));
     let now = machine.now();
     let gates = machine.chip_mut().read(0x4002_1060, Width::Word, now).expect("RCC_APB2ENR");
     assert_eq!(gates & 1, 0, "SYSCFG has no clock");
