@@ -72,60 +72,61 @@ pub struct BootRom {
 impl BootRom {
     /// Polls the USB peripheral.
     pub fn look(&mut self, chip: &mut Chip, now: Cycles) {
+        let bus = &mut Bus { chip, now };
         if !self.begun {
             self.begun = true;
-            begin(chip, now);
+            bus.begin();
         }
-        self.dfu.work(&mut chip.flash, now);
-        let interrupts = read(chip, INTERRUPTS, now);
+        self.dfu.work(&mut bus.chip.flash, now);
+        let interrupts = bus.read(INTERRUPTS);
         if interrupts & 1 << 10 != 0 {
             self.stage = Stage::None;
-            after_reset(chip, now);
+            bus.after_reset();
             return;
         }
         // Other interrupts are ignored: SOF, suspend.
-        write(chip, INTERRUPTS, 0, now);
+        bus.write(INTERRUPTS, 0);
         if interrupts & 1 << 15 == 0 {
             return;
         }
-        let endpoint = read(chip, ENDPOINT, now);
+        let endpoint = bus.read(ENDPOINT);
         if endpoint & SENT != 0 {
-            write(chip, ENDPOINT, CONTROL_TYPE | RECEIVED, now);
-            self.sent(chip, now);
+            bus.write(ENDPOINT, CONTROL_TYPE | RECEIVED);
+            self.sent(bus);
         }
         if endpoint & RECEIVED != 0 {
-            let data = received(chip, now);
-            write(chip, ENDPOINT, CONTROL_TYPE | SENT, now);
+            let data = bus.received();
+            bus.write(ENDPOINT, CONTROL_TYPE | SENT);
             match data.as_slice().try_into() {
-                Ok(setup) if endpoint & SETUP != 0 => self.set_up(chip, Setup::from_bytes(setup), now),
-                _ => self.take(chip, &data, now),
+                Ok(setup) if endpoint & SETUP != 0 => self.set_up(bus, Setup::from_bytes(setup)),
+                _ => self.take(bus, &data),
             }
         }
     }
 
-    fn set_up(&mut self, chip: &mut Chip, setup: Setup, now: Cycles) {
+    fn set_up(&mut self, bus: &mut Bus, setup: Setup) {
         if !setup.to_host() && setup.length > 0 {
             self.stage = Stage::FromHost { setup, data: Vec::new() };
-            return set_status(chip, Some(VALID), None, now);
+            return bus.set_status(Some(VALID), None);
         }
-        self.answer(chip, setup, &[], now);
+        self.answer(bus, setup, &[]);
     }
 
     /// Processes data for the device, or the empty packet that ends a request to the host.
-    fn take(&mut self, chip: &mut Chip, packet: &[u8], now: Cycles) {
+    fn take(&mut self, bus: &mut Bus, packet: &[u8]) {
         let Stage::FromHost { setup, data } = &mut self.stage else {
-            return set_status(chip, Some(VALID), Some(NAK), now);
+            return bus.set_status(Some(VALID), Some(NAK));
         };
         data.extend_from_slice(packet);
         if data.len() < usize::from(setup.length) && packet.len() == PACKET {
-            return set_status(chip, Some(VALID), None, now);
+            return bus.set_status(Some(VALID), None);
         }
         let (setup, data) = (*setup, std::mem::take(data));
-        self.answer(chip, setup, &data, now);
+        self.answer(bus, setup, &data);
     }
 
     /// Executes a request whose data is complete.
-    fn answer(&mut self, chip: &mut Chip, setup: Setup, data: &[u8], now: Cycles) {
+    fn answer(&mut self, bus: &mut Bus, setup: Setup, data: &[u8]) {
         let Setup { kind, request, value, .. } = setup;
         let ([value_low, value_high], length) = (value.to_le_bytes(), usize::from(setup.length));
         let answer = match (kind & 0x60, request) {
@@ -136,48 +137,48 @@ impl BootRom {
             // SET_ADDRESS, SET_CONFIGURATION, and SET_INTERFACE to the only setting.
             (0, 5 | 9) => Some(Vec::new()),
             (0, 11) if value_low == 0 => Some(Vec::new()),
-            (0x20, _) => self.dfu.request(request, value, data, length.min(BLOCK), &mut chip.flash, now),
+            (0x20, _) => self.dfu.request(request, value, data, length.min(BLOCK), &mut bus.chip.flash, bus.now),
             _ => None,
         };
         match answer {
             None => {
                 self.stage = Stage::None;
-                set_status(chip, Some(STALL), Some(STALL), now);
+                bus.set_status(Some(STALL), Some(STALL));
             }
             Some(mut data) if setup.to_host() => {
                 let ends_empty = data.len() < length && data.len().is_multiple_of(PACKET);
                 data.truncate(length);
                 self.stage = Stage::ToHost { data, ends_empty };
-                set_status(chip, Some(VALID), None, now);
-                self.sent(chip, now);
+                bus.set_status(Some(VALID), None);
+                self.sent(bus);
             }
             Some(_) => {
                 let address = (kind & 0x60 == 0 && request == 5).then_some(value_low);
                 self.stage = Stage::Status { address };
-                send(chip, &[], now);
+                bus.send(&[]);
             }
         }
     }
 
     /// Processes the end of a packet to the host: sends the next one, or ends the stage.
-    fn sent(&mut self, chip: &mut Chip, now: Cycles) {
+    fn sent(&mut self, bus: &mut Bus) {
         match &mut self.stage {
             Stage::ToHost { data, ends_empty } if !data.is_empty() || *ends_empty => {
                 *ends_empty &= !data.is_empty();
                 let packet: Vec<u8> = data.drain(..data.len().min(PACKET)).collect();
-                send(chip, &packet, now);
+                bus.send(&packet);
             }
             Stage::ToHost { .. } if self.dfu.leaves() => {
                 // The status was sent: leave the bus and start the program.
-                write(chip, PULL_UP, 0, now);
+                bus.write(PULL_UP, 0);
                 self.left = true;
             }
             Stage::Status { address } => {
                 if let Some(address) = address {
-                    write(chip, ADDRESS, 0x80 | u32::from(*address), now);
+                    bus.write(ADDRESS, 0x80 | u32::from(*address));
                 }
                 self.stage = Stage::None;
-                set_status(chip, Some(VALID), None, now);
+                bus.set_status(Some(VALID), None);
             }
             _ => {}
         }
@@ -200,63 +201,76 @@ fn descriptor(kind: u8, index: u8) -> Option<Vec<u8>> {
     Some([&[units.len() as u8 + 2, 3], units.as_slice()].concat())
 }
 
-/// Enables HSI48, the USB clock, the transceiver and the pull-up.
-fn begin(chip: &mut Chip, now: Cycles) {
-    write(chip, 0x4002_1098, 1, now);
-    let clocks = read(chip, 0x4002_1058, now);
-    write(chip, 0x4002_1058, clocks | 1 << 23, now);
-    write(chip, CONTROL, 1, now);
-    write(chip, CONTROL, 0, now);
-    write(chip, INTERRUPTS, 0, now);
-    write(chip, TABLE, 0, now);
-    write(chip, PULL_UP, 1 << 15, now);
+/// The chip's registers at one time.
+struct Bus<'a> {
+    chip: &'a mut Chip,
+    now: Cycles,
 }
 
-fn after_reset(chip: &mut Chip, now: Cycles) {
-    write(chip, INTERRUPTS, 0, now);
-    for (place, half) in [(0, SEND_AT), (2, 0), (4, RECEIVE_AT), (6, 0x8400)] {
-        write_half(chip, MEMORY + place, half, now);
+impl Bus<'_> {
+    /// Enables HSI48, the USB clock, the transceiver and the pull-up.
+    fn begin(&mut self) {
+        self.write(0x4002_1098, 1);
+        let clocks = self.read(0x4002_1058);
+        self.write(0x4002_1058, clocks | 1 << 23);
+        self.write(CONTROL, 1);
+        self.write(CONTROL, 0);
+        self.write(INTERRUPTS, 0);
+        self.write(TABLE, 0);
+        self.write(PULL_UP, 1 << 15);
     }
-    write(chip, ENDPOINT, CONTROL_TYPE, now);
-    set_status(chip, Some(VALID), Some(NAK), now);
-    write(chip, ADDRESS, 0x80, now);
-}
 
-/// Sets STAT_RX and STAT_TX of the endpoint.
-fn set_status(chip: &mut Chip, receive: Option<u32>, send: Option<u32>, now: Cycles) {
-    let register = read(chip, ENDPOINT, now);
-    let flip = |wanted: Option<u32>, shift: u32| wanted.map_or(0, |wanted| (register >> shift & 3 ^ wanted) << shift);
-    write(chip, ENDPOINT, CONTROL_TYPE | RECEIVED | SENT | flip(receive, 12) | flip(send, 4), now);
-}
-
-fn send(chip: &mut Chip, packet: &[u8], now: Cycles) {
-    for (place, pair) in (MEMORY + SEND_AT..).step_by(2).zip(packet.chunks(2)) {
-        let half = u32::from(pair[0]) | pair.get(1).map_or(0, |high| u32::from(*high) << 8);
-        write_half(chip, place, half, now);
+    fn after_reset(&mut self) {
+        self.write(INTERRUPTS, 0);
+        for (place, half) in [(0, SEND_AT), (2, 0), (4, RECEIVE_AT), (6, 0x8400)] {
+            self.write_half(MEMORY + place, half);
+        }
+        self.write(ENDPOINT, CONTROL_TYPE);
+        self.set_status(Some(VALID), Some(NAK));
+        self.write(ADDRESS, 0x80);
     }
-    write_half(chip, MEMORY + 2, packet.len() as u32, now);
-    set_status(chip, None, Some(VALID), now);
-}
 
-fn received(chip: &mut Chip, now: Cycles) -> Vec<u8> {
-    let half = |chip: &mut Chip, at| chip.read(at, Width::Half, now).expect("address in packet memory") as u16;
-    let count = usize::from(half(chip, MEMORY + 6) & 0x3ff).min(PACKET);
-    let mut bytes: Vec<u8> = Vec::new();
-    for place in (MEMORY + RECEIVE_AT..).step_by(2).take(count.div_ceil(2)) {
-        bytes.extend(half(chip, place).to_le_bytes());
+    /// Sets STAT_RX and STAT_TX of the endpoint.
+    fn set_status(&mut self, receive: Option<u32>, send: Option<u32>) {
+        let register = self.read(ENDPOINT);
+        let flip = |wanted: Option<u32>, shift: u32| {
+            wanted.map_or(0, |wanted| (register >> shift & 3 ^ wanted) << shift)
+        };
+        self.write(ENDPOINT, CONTROL_TYPE | RECEIVED | SENT | flip(receive, 12) | flip(send, 4));
     }
-    bytes.truncate(count);
-    bytes
-}
 
-fn read(chip: &mut Chip, address: u32, now: Cycles) -> u32 {
-    chip.read(address, Width::Word, now).expect("existing register")
-}
+    fn send(&mut self, packet: &[u8]) {
+        for (place, pair) in (MEMORY + SEND_AT..).step_by(2).zip(packet.chunks(2)) {
+            let half = u32::from(pair[0]) | pair.get(1).map_or(0, |high| u32::from(*high) << 8);
+            self.write_half(place, half);
+        }
+        self.write_half(MEMORY + 2, packet.len() as u32);
+        self.set_status(None, Some(VALID));
+    }
 
-fn write(chip: &mut Chip, address: u32, value: u32, now: Cycles) {
-    chip.write(address, value, Width::Word, now).expect("existing register");
-}
+    fn received(&mut self) -> Vec<u8> {
+        let count = usize::from(self.half(MEMORY + 6) & 0x3ff).min(PACKET);
+        let mut bytes: Vec<u8> = Vec::new();
+        for place in (MEMORY + RECEIVE_AT..).step_by(2).take(count.div_ceil(2)) {
+            bytes.extend(self.half(place).to_le_bytes());
+        }
+        bytes.truncate(count);
+        bytes
+    }
 
-fn write_half(chip: &mut Chip, address: u32, value: u32, now: Cycles) {
-    chip.write(address, value, Width::Half, now).expect("address in packet memory");
+    fn read(&mut self, address: u32) -> u32 {
+        self.chip.read(address, Width::Word, self.now).expect("existing register")
+    }
+
+    fn write(&mut self, address: u32, value: u32) {
+        self.chip.write(address, value, Width::Word, self.now).expect("existing register");
+    }
+
+    fn half(&mut self, address: u32) -> u16 {
+        self.chip.read(address, Width::Half, self.now).expect("address in packet memory") as u16
+    }
+
+    fn write_half(&mut self, address: u32, value: u32) {
+        self.chip.write(address, value, Width::Half, self.now).expect("address in packet memory");
+    }
 }

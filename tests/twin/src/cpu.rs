@@ -55,15 +55,6 @@ pub enum Faults {
     Taken,
 }
 
-/// The program's location.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Place {
-    /// Address of the instruction.
-    pub pc: u32,
-    /// Return address of its function, if it is still in LR.
-    pub lr: u32,
-}
-
 /// Why a run ended early.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Stop {
@@ -339,24 +330,8 @@ pub struct Cpu {
 
 /// Registers of an exception frame in ascending address order; return address and XPSR follow.
 const FRAME: [R; 6] = [R::R0, R::R1, R::R2, R::R3, R::R12, R::LR];
-const FLOATS: [R; 16] = [
-    R::S0,
-    R::S1,
-    R::S2,
-    R::S3,
-    R::S4,
-    R::S5,
-    R::S6,
-    R::S7,
-    R::S8,
-    R::S9,
-    R::S10,
-    R::S11,
-    R::S12,
-    R::S13,
-    R::S14,
-    R::S15,
-];
+/// S0 to S15, which unicorn numbers in this order.
+const FLOATS: std::ops::Range<i32> = R::S0 as i32..R::S16 as i32;
 
 impl From<uc_error> for Stop {
     fn from(error: uc_error) -> Self {
@@ -440,12 +415,12 @@ impl Cpu {
     }
 
     /// Value of a core register.
-    pub fn register(&self, register: R) -> u32 {
+    pub fn register(&self, register: impl Into<i32>) -> u32 {
         self.uc.reg_read(register).map_or(0, |value| value as u32)
     }
 
     /// Changes a register between runs.
-    pub fn set(&mut self, register: R, value: u32) -> Ran {
+    pub fn set(&mut self, register: impl Into<i32>, value: u32) -> Ran {
         Ok(self.uc.reg_write(register, u64::from(value))?)
     }
 
@@ -454,10 +429,9 @@ impl Cpu {
         Ok(self.uc.mem_write(rom::FLASH_KB_AT.into(), &kb.to_le_bytes())?)
     }
 
-    /// Location of the program; after an access that no model handles, the start of the block that made it.
-    pub fn place(&self) -> Place {
-        let pc = self.core().failed.unwrap_or_else(|| self.register(R::PC) & !1);
-        Place { pc, lr: self.register(R::LR) }
+    /// Address of the instruction; after an access that no model handles, the start of the block that made it.
+    pub fn pc(&self) -> u32 {
+        self.core().failed.unwrap_or_else(|| self.register(R::PC) & !1)
     }
 
     fn masks(uc: &Unicorn<Core>) -> Masks {
@@ -524,7 +498,7 @@ impl Cpu {
             self.set(register, 0)?;
         }
         self.set(R::LR, u32::MAX)?;
-        self.jump(flash::START)
+        self.jump()
     }
 
     /// Starts at the ROM's boot loader vectors, after a start that selects the ROM.
@@ -551,11 +525,11 @@ impl Cpu {
         Ok(self.uc.ctl_flush_tb()?)
     }
 
-    /// Enters a program as a boot loader does: SP and PC come from its vectors, everything else stays.
-    pub fn jump(&mut self, vectors: u32) -> Ran {
+    /// Enters the program in flash as a boot loader does: SP and PC come from its vectors, everything else stays.
+    pub fn jump(&mut self) -> Ran {
         let core = self.core_mut();
         (core.asleep, core.stop, core.failed, core.unmapped) = (None, None, None, None);
-        let vector = |at: u32| core.vector(vectors + at).unwrap_or(0);
+        let vector = |at: u32| core.vector(flash::START + at).unwrap_or(0);
         let (stack, start) = (vector(0), vector(4));
         self.set(R::SP, stack)?;
         self.set(R::PC, start | 1)
@@ -621,15 +595,13 @@ impl Cpu {
         if regions == self.regions {
             return Ok(());
         }
-        let everything = |region: &Region| Region { read: true, write: true, execute: false, ..*region };
+        let everything = |region: &Region| Region { access: Prot::READ | Prot::WRITE, ..*region };
         let before: Vec<Region> = self.regions.iter().map(everything).collect();
         for region in before.iter().chain(&regions) {
             if !(RAM_START..RAM_START + RAM_LEN as u32).contains(&region.start) {
                 return Err(Stop::Emulator("MPU region outside SRAM is not modelled".into()));
             }
-            let allowed = [(region.read, Prot::READ), (region.write, Prot::WRITE), (region.execute, Prot::EXEC)];
-            let allowed = allowed.into_iter().filter(|(may, _)| *may).fold(Prot::NONE, |all, (_, one)| all | one);
-            self.uc.mem_protect(region.start.into(), region.len.into(), allowed)?;
+            self.uc.mem_protect(region.start.into(), region.len.into(), region.access)?;
         }
         self.regions = regions;
         Ok(())
@@ -706,7 +678,7 @@ impl Cpu {
         let mut frame: Vec<u32> = FRAME.iter().map(|&register| self.register(register)).collect();
         frame.extend([self.register(R::PC) & !1, status]);
         if floats {
-            frame.extend(FLOATS.iter().map(|&register| self.register(register)));
+            frame.extend(FLOATS.map(|register| self.register(register)));
             frame.extend([self.register(R::FPSCR), 0]);
         }
         let bytes: Vec<u8> = frame.iter().flat_map(|word| word.to_le_bytes()).collect();
@@ -715,7 +687,8 @@ impl Cpu {
         // A fault handler starts with the stack that caused the fault, whether or not the frame can be stored. This
         // model stores it.
         let into_fault = matches!(exception, NMI | HARD_FAULT);
-        if !into_fault && core.nvic.regions(masks).iter().any(|region| !region.write && region.contains(stack)) {
+        let forbids = |region: &Region| region.access & Prot::WRITE == Prot::NONE && region.contains(stack);
+        if !into_fault && core.nvic.regions(masks).iter().any(forbids) {
             return Err(Stop::Stack(stack));
         }
         match core.chip.ram_mut(stack, bytes.len()) {
@@ -768,7 +741,7 @@ impl Cpu {
             self.set(register, value)?;
         }
         if floats {
-            for (&register, &value) in FLOATS.iter().zip(&frame[8..]) {
+            for (register, &value) in FLOATS.zip(&frame[8..]) {
                 self.set(register, value)?;
             }
             self.set(R::FPSCR, frame[24])?;

@@ -82,19 +82,6 @@ impl Cache {
     }
 }
 
-/// The caches under one bound's assumptions.
-#[derive(Clone, Debug)]
-struct Caches {
-    instructions: Cache,
-    data: Cache,
-}
-
-impl Caches {
-    fn new() -> Self {
-        Self { instructions: Cache::new(INSTRUCTION_LINES), data: Cache::new(DATA_LINES) }
-    }
-}
-
 /// What the core executed before the next block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Before {
@@ -110,8 +97,10 @@ enum Before {
 #[derive(Clone, Debug)]
 pub struct Model {
     total: Range,
-    least: Caches,
-    most: Caches,
+    /// Instructions under each bound's assumptions, and data, which do not depend on them.
+    least: Cache,
+    most: Cache,
+    data: Cache,
     before: Before,
     /// DMA transfers before the count.
     transfers: u64,
@@ -127,8 +116,9 @@ impl Model {
     pub fn new(transfers: u64) -> Self {
         Self {
             total: Range::default(),
-            least: Caches::new(),
-            most: Caches::new(),
+            least: Cache::new(INSTRUCTION_LINES),
+            most: Cache::new(INSTRUCTION_LINES),
+            data: Cache::new(DATA_LINES),
             before: Before::Entry,
             transfers,
             costs: HashMap::new(),
@@ -168,17 +158,12 @@ impl Model {
     /// Cycles of a block whose missing double words are read while it executes. Only the first read after a branch
     /// cannot be done in advance.
     fn fetch(&mut self, code: std::ops::Range<u32>, execution: u64, follows: bool, access: &Access) -> u64 {
-        let (mut missing, mut held) = (0, None);
-        for read in code.start / access.width..=(code.end - 1) / access.width {
-            let address = read * access.width;
-            let line = address / LINE;
-            // A line is looked up once per block, as its reads are consecutive.
-            let is_held = match held {
-                Some((known, is_held)) if known == line => is_held,
-                _ => self.least.instructions.hit(address) && access.instruction_cache,
-            };
-            held = Some((line, is_held));
-            missing += u64::from(!is_held);
+        let mut missing = 0;
+        for line in code.start / LINE..=(code.end - 1) / LINE {
+            if !self.least.hit(line * LINE) || !access.instruction_cache {
+                let read = code.start.max(line * LINE)..code.end.min((line + 1) * LINE);
+                missing += u64::from((read.end - 1) / access.width - read.start / access.width + 1);
+            }
         }
         let unhidden = if follows || missing == 0 { 0 } else { access.wait_states };
         (execution + unhidden).max(missing * (access.wait_states + 1))
@@ -190,7 +175,7 @@ impl Model {
             return u64::from(reads) * line_stall(access, false);
         }
         let lines = code.start / LINE..=(code.end - 1) / LINE;
-        let missed = lines.filter(|line| !self.most.instructions.hit(line * LINE)).count();
+        let missed = lines.filter(|line| !self.most.hit(line * LINE)).count();
         missed as u64 * line_stall(access, true)
     }
 
@@ -202,11 +187,10 @@ impl Model {
         if !in_flash(address) {
             return;
         }
-        if !self.least.data.hit(address) || !access.data_cache {
-            self.total.least += access.wait_states;
+        self.total.most += 1;
+        if !self.data.hit(address) || !access.data_cache {
+            self.total += Range::new(access.wait_states, line_stall(access, access.data_cache));
         }
-        let hit = self.most.data.hit(address) && access.data_cache;
-        self.total.most += 1 + if hit { 0 } else { line_stall(access, access.data_cache) };
     }
 
     /// Adds a peripheral register access. The core's own registers have no delay.

@@ -19,12 +19,12 @@ use crate::{
     chip::{
         Chip,
         errata::Errata,
-        flash::{self, Boot},
+        flash::Boot,
         rcc::Reset,
         rom::{self, Left},
         rules::Rules,
     },
-    cpu::{Cpu, Faults, Place, Ran, Stop},
+    cpu::{Cpu, Faults, Ran, Stop},
     cycles::Range,
     elf::{Elf, ElfError},
 };
@@ -55,25 +55,19 @@ pub enum StartError {
 
 /// The reason and place of an early end of a run.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error(
-    "{stop}, at {time_s:.6} s, pc {} (called from {})",
-    named(place.pc, pc_function),
-    named(place.lr, lr_function)
-)]
+#[error("{stop}, at {time_s:.6} s, pc {} (called from {})", named(pc), named(lr))]
 pub struct Ended {
     /// The reason.
     pub stop: Stop,
-    /// Location of the program (see [`Cpu::place`]).
-    pub place: Place,
-    /// The function at `pc`.
-    pub pc_function: Option<String>,
-    /// The function that it returns to.
-    pub lr_function: Option<String>,
+    /// Location of the program (see [`Cpu::pc`]), and its function.
+    pub pc: (u32, Option<String>),
+    /// Return address of that function, if it is still in LR, and the function that it returns to.
+    pub lr: (u32, Option<String>),
     /// Seconds since power-on.
     pub time_s: f64,
 }
 
-fn named(address: u32, function: &Option<String>) -> String {
+fn named((address, function): &(u32, Option<String>)) -> String {
     function.as_ref().map_or_else(|| format!("{address:#010x}"), |name| format!("{address:#010x} {name}"))
 }
 
@@ -271,10 +265,9 @@ impl Machine {
     }
 
     fn ended(&self, stop: Stop) -> Ended {
-        let place = self.cpu.place();
-        let function = |address| self.elf.function_at(address);
-        let (pc_function, lr_function) = (function(place.pc), function(place.lr & !1));
-        Ended { stop, place, pc_function, lr_function, time_s: self.time_s() }
+        let place = |address: u32| (address, self.elf.function_at(address & !1));
+        let lr = self.cpu.register(RegisterARM::LR);
+        Ended { stop, pc: place(self.cpu.pc()), lr: place(lr), time_s: self.time_s() }
     }
 
     /// Whether the boot loader is running.
@@ -342,7 +335,7 @@ impl Machine {
             self.cpu.set(RegisterARM::PRIMASK, 1)?;
             self.cpu.set(RegisterARM::CONTROL, 2)?;
         }
-        self.cpu.jump(flash::START)
+        self.cpu.jump()
     }
 
     /// Removes and restores power. Flash keeps its contents; RAM contents are undefined.

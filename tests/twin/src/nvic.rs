@@ -12,6 +12,7 @@
 
 use crate::registers::refuse;
 use crate::{Cycles, Modelled, Storage, Unknown, Width};
+use unicorn_engine::Prot;
 
 /// Priority of thread mode, less urgent than any exception.
 pub const THREAD: i32 = 256;
@@ -70,12 +71,8 @@ pub struct Region {
     pub start: u32,
     /// Size \[bytes\].
     pub len: u32,
-    /// May be read.
-    pub read: bool,
-    /// May be written.
-    pub write: bool,
-    /// May be executed.
-    pub execute: bool,
+    /// What is granted.
+    pub access: Prot,
 }
 
 impl Region {
@@ -94,14 +91,14 @@ impl Region {
             return refuse("MPU regions below 1 KB, of 4 GB or with disabled subregions are not modelled");
         }
         let len = 2 << size;
-        let (read, write) = match attributes >> 24 & 7 {
-            0 => (false, false),
-            1..=3 => (true, true),
-            5..=7 => (true, false),
+        let access = match attributes >> 24 & 7 {
+            0 => Prot::NONE,
+            1..=3 => Prot::READ | Prot::WRITE,
+            5..=7 => Prot::READ,
             _ => return refuse("MPU_RASR.AP: reserved"),
         };
-        let execute = read && attributes & 1 << 28 == 0;
-        Ok(Some(Self { start: base & !(len - 1), len, read, write, execute }))
+        let execute = if access == Prot::NONE || attributes & 1 << 28 != 0 { Prot::NONE } else { Prot::EXEC };
+        Ok(Some(Self { start: base & !(len - 1), len, access: access | execute }))
     }
 }
 
@@ -740,7 +737,7 @@ mod tests {
         assert_eq!(nvic.regions(OPEN), [], "it is off");
         assert!(nvic.write(0xe000_ed94, 1, Width::Word, 0).is_err(), "no access to anything else");
         write(&mut nvic, 0xd94, 5);
-        let region = Region { start: 0x2000_4000, len: 1024, read: false, write: false, execute: false };
+        let region = Region { start: 0x2000_4000, len: 1024, access: Prot::NONE };
         assert_eq!(nvic.regions(OPEN), [region]);
         assert!(region.contains(0x2000_43ff) && !region.contains(0x2000_4400));
         assert_eq!((read(&mut nvic, 0xd9c, 0), read(&mut nvic, 0xda0, 0)), (0x2000_4002, 0x1000_0013));

@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 mod descriptors;
 pub mod serial;
 
-pub use descriptors::{Description, DescriptorError, Endpoint, EndpointKind, Text};
+pub use descriptors::{Description, DescriptorError, Endpoint};
 
 /// A device at the end of a cable.
 pub trait Socket {
@@ -52,7 +52,7 @@ const ATTACH_S: f64 = 1.0;
 /// Timeout of a control request (Linux: USB_CTRL_GET_TIMEOUT).
 pub const CONTROL_S: f64 = 5.0;
 /// Pause after a round without progress; doubled after each further one, up to [`LONGEST_PAUSE_S`].
-const PAUSE_S: f64 = 20e-6;
+const PAUSE_S: f64 = 40e-6;
 /// Maximum pause, for a host that also has other work.
 const LONGEST_PAUSE_S: f64 = 160e-6;
 /// Consecutive packets without a response after which a transfer fails (USB 2.0 8.7: three).
@@ -145,25 +145,30 @@ pub struct Done {
     pub moved: usize,
 }
 
-/// State of a control request.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Part of a transfer. All but control requests have data only.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Stage {
     Setup,
+    #[default]
     Data,
     Status,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Running {
     number: u64,
-    transfer: Transfer,
+    /// The control request.
+    setup: Option<Setup>,
     stage: Stage,
-    toggle: Toggle,
+    /// Whether the data goes to the host, and its maximum length.
+    reads: bool,
+    most: usize,
+    /// Data for the device, and whether an empty packet follows if it ends with a full one.
+    data: Vec<u8>,
+    close: bool,
     received: Vec<u8>,
     sent: usize,
     strikes: u32,
-    /// Maximum packet size.
-    full: usize,
 }
 
 /// Outcome of one packet.
@@ -187,7 +192,8 @@ struct Pipe {
 const PIPES: usize = 32;
 const TO_HOST: usize = 16;
 
-/// The host.
+/// The host; by default with nothing connected.
+#[derive(Default)]
 pub struct UsbHost {
     pipes: [Pipe; PIPES],
     done: VecDeque<Done>,
@@ -198,25 +204,8 @@ pub struct UsbHost {
     /// The descriptors of the last enumeration.
     pub description: Option<Description>,
     pause_s: f64,
-    /// Maximum packet size of endpoint 0, from the device descriptor.
-    control_packet: usize,
-}
-
-impl Default for UsbHost {
-    /// A host with nothing connected.
-    fn default() -> Self {
-        Self {
-            pipes: std::array::from_fn(|_| Pipe::default()),
-            done: VecDeque::new(),
-            next_number: 1,
-            address: 0,
-            supplied: false,
-            frames: false,
-            description: None,
-            pause_s: PAUSE_S,
-            control_packet: FULL_PACKET,
-        }
-    }
+    /// Maximum packet size of endpoint 0, once the device descriptor has given it.
+    control_packet: Option<usize>,
 }
 
 impl UsbHost {
@@ -283,9 +272,9 @@ impl UsbHost {
     /// Assigns an address, reads the descriptors and configures the device, in Linux's order.
     pub fn enumerate(&mut self, socket: &mut impl Socket) -> Carried<Description> {
         // Byte 7 of the device descriptor is the maximum packet size. It is in the first packet, whatever the size.
-        self.control_packet = FULL_PACKET;
+        self.control_packet = None;
         let head = self.get_descriptor(socket, 1, 0, 0, 64)?;
-        self.control_packet = descriptors::control_packet(&head)?;
+        self.control_packet = Some(descriptors::control_packet(&head)?);
         self.reset(socket)?;
         self.set_address(socket)?;
         let device = self.get_descriptor(socket, 1, 0, 0, 18)?;
@@ -299,10 +288,10 @@ impl UsbHost {
         let mut description = Description::parse(&device, &configuration)?;
         let languages = self.get_descriptor(socket, 3, 0, 0, 255)?;
         let language = descriptors::first_language(&languages)?;
-        for string in [&mut description.manufacturer, &mut description.product, &mut description.serial] {
-            if string.index != 0 {
-                let bytes = self.get_descriptor(socket, 3, string.index, language, 255)?;
-                string.text = descriptors::string(&bytes)?;
+        let strings = [&mut description.manufacturer, &mut description.product, &mut description.serial];
+        for (string, &index) in strings.into_iter().zip(&device[14..]) {
+            if index != 0 {
+                *string = descriptors::string(&self.get_descriptor(socket, 3, index, language, 255)?)?;
             }
         }
         self.configure(socket, description.configuration)?;
@@ -355,36 +344,40 @@ impl UsbHost {
 
     /// A control request with its data; returns the data from the device.
     pub fn control(&mut self, socket: &mut impl Socket, setup: Setup, data: &[u8]) -> Carried<Vec<u8>> {
-        self.wait_for(socket, Transfer::Control(setup, data.to_vec()), CONTROL_S).result
+        self.wait_for(socket, Transfer::Control(setup, data.to_vec()), CONTROL_S, |_| Ok(())).result
     }
 
     /// Reads from an endpoint within a time: up to a short packet, at most `most` bytes.
     ///
     /// The caller loses bytes that arrive without a short packet, as with a real host.
     pub fn read(&mut self, socket: &mut impl Socket, endpoint: u8, most: usize, within_s: f64) -> Carried<Vec<u8>> {
-        self.wait_for(socket, Transfer::In(endpoint, most), within_s).result
+        self.wait_for(socket, Transfer::In(endpoint, most), within_s, |_| Ok(())).result
     }
 
     /// Writes bytes to an endpoint within a time; returns how many the device accepted.
     pub fn write(&mut self, socket: &mut impl Socket, endpoint: u8, bytes: &[u8], within_s: f64) -> (usize, Carried) {
-        let done = self.wait_for(socket, Transfer::Out(endpoint, bytes.to_vec(), false), within_s);
+        let done = self.wait_for(socket, Transfer::Out(endpoint, bytes.to_vec(), false), within_s, |_| Ok(()));
         (done.moved, done.result.map(|_| ()))
     }
 
-    fn wait_for(&mut self, socket: &mut impl Socket, transfer: Transfer, within_s: f64) -> Done {
+    /// Carries out a transfer within a time; calls `meanwhile` after each round of packets.
+    fn wait_for(
+        &mut self,
+        socket: &mut impl Socket,
+        transfer: Transfer,
+        within_s: f64,
+        mut meanwhile: impl FnMut(&mut Self) -> Carried,
+    ) -> Done {
         let number = self.submit(transfer);
         let end_s = socket.time_s() + within_s;
         loop {
             if let Some(done) = self.take_done(number) {
                 return done;
             }
-            if socket.time_s() >= end_s {
+            let late = if socket.time_s() < end_s { Ok(()) } else { Err(UsbError::Late) };
+            if let Err(error) = late.and_then(|()| self.service(socket)).and_then(|()| meanwhile(self)) {
                 let moved = self.cancel(number).unwrap_or(0);
-                return Done { number, result: Err(UsbError::Late), moved };
-            }
-            if let Err(error) = self.service(socket) {
-                self.cancel(number);
-                return Done { number, result: Err(error), moved: 0 };
+                return Done { number, result: Err(error), moved };
             }
         }
     }
@@ -395,22 +388,22 @@ impl UsbHost {
     pub fn submit(&mut self, transfer: Transfer) -> u64 {
         let number = self.next_number;
         self.next_number += 1;
-        let pipe = match &transfer {
-            Transfer::Control(..) => 0,
-            Transfer::In(endpoint, _) => TO_HOST + usize::from(endpoint & 0xF),
-            Transfer::Out(endpoint, ..) => usize::from(endpoint & 0xF),
+        let (pipe, running) = match transfer {
+            Transfer::Control(setup, mut data) => {
+                let most = usize::from(setup.length);
+                // Without a data stage the status stage is IN, whatever direction the request gives (USB 2.0 8.5.3).
+                let reads = setup.to_host() && most > 0;
+                data.truncate(if reads { 0 } else { most });
+                (0, Running { setup: Some(setup), stage: Stage::Setup, reads, most, data, ..Running::default() })
+            }
+            Transfer::In(endpoint, most) => {
+                (TO_HOST + usize::from(endpoint & 0xF), Running { reads: true, most, ..Running::default() })
+            }
+            Transfer::Out(endpoint, data, close) => {
+                (usize::from(endpoint & 0xF), Running { most: data.len(), data, close, ..Running::default() })
+            }
         };
-        let running = Running {
-            number,
-            transfer,
-            stage: Stage::Setup,
-            toggle: Toggle::Data1,
-            received: Vec::new(),
-            sent: 0,
-            strikes: 0,
-            full: if pipe == 0 { self.control_packet } else { FULL_PACKET },
-        };
-        self.pipes[pipe].queue.push_back(running);
+        self.pipes[pipe].queue.push_back(Running { number, ..running });
         number
     }
 
@@ -461,15 +454,15 @@ impl UsbHost {
             moved = true;
             run(socket, time_s)?;
         }
-        self.pause_s = if moved { PAUSE_S } else { (2.0 * self.pause_s).min(LONGEST_PAUSE_S) };
-        run(socket, if moved { idle_s } else { idle_s + self.pause_s })
+        self.pause_s = if moved { 0.0 } else { (2.0 * self.pause_s).clamp(PAUSE_S, LONGEST_PAUSE_S) };
+        run(socket, idle_s + self.pause_s)
     }
 
     fn finish(&mut self, index: usize, result: Carried) {
         if let Some(running) = self.pipes[index].queue.pop_front() {
             let moved = running.received.len() + running.sent;
-            if let (Ok(()), Transfer::Control(setup, _)) = (&result, &running.transfer) {
-                self.restart_toggles(*setup);
+            if let (Ok(()), Some(setup)) = (&result, running.setup) {
+                self.restart_toggles(setup);
             }
             self.done.push_back(Done { number: running.number, result: result.map(|()| running.received), moved });
         }
@@ -510,120 +503,70 @@ impl UsbHost {
     /// Processes one packet of the first transfer of a pipe; returns the outcome and the bus time.
     fn step(&mut self, index: usize, usb: &mut Usb) -> (Step, f64) {
         let (address, number) = (self.address, (index % TO_HOST) as u8);
+        let full = self.control_packet.filter(|_| index == 0).unwrap_or(FULL_PACKET);
         let Pipe { queue, toggle } = &mut self.pipes[index];
         let Some(running) = queue.front_mut() else { return (Step::Waits, 0.0) };
-        let (answer, sent, expected) = match running.packet(*toggle) {
-            Packet::Setup(bytes) => (usb.setup(address, &bytes), bytes.len(), None),
-            Packet::Out(toggle, data) => (usb.send(address, number, toggle, data), data.len(), None),
-            Packet::In(toggle) => (usb.ask(address, number), 0, Some(toggle)),
+        let rest = running.data.get(running.sent..).unwrap_or_default();
+        let packet = rest.get(..full).unwrap_or(rest);
+        // The status stage is an empty packet against the direction of the data.
+        let (answer, sent, asked) = match (running.stage, running.setup) {
+            (Stage::Setup, Some(setup)) => (usb.setup(address, &setup.bytes()), 8, false),
+            (stage, _) if running.reads == (stage == Stage::Data) => (usb.ask(address, number), 0, true),
+            _ => (usb.send(address, number, *toggle, packet), packet.len(), false),
         };
-        let received = if let Answer::Data(_, data) = &answer {
+        let mut bytes = sent;
+        if let Answer::Data(_, data) = &answer {
             usb.acknowledge(address, number);
-            data.len()
-        } else {
-            0
-        };
-        let time_s = packet_time_s(sent + received, !matches!(answer, Answer::Nak | Answer::Stall));
-        (running.take(answer, sent, expected, toggle), time_s)
+            bytes += data.len();
+        }
+        let time_s = packet_time_s(bytes, !matches!(answer, Answer::Nak | Answer::Stall));
+        (running.take(answer, sent, asked, full, toggle), time_s)
     }
-}
-
-/// A packet of a transfer.
-enum Packet<'a> {
-    Setup([u8; 8]),
-    Out(Toggle, &'a [u8]),
-    In(Toggle),
 }
 
 impl Running {
-    /// The next packet; `of_pipe` is the pipe's toggle.
-    fn packet(&self, of_pipe: Toggle) -> Packet<'_> {
-        match &self.transfer {
-            Transfer::In(..) => Packet::In(of_pipe),
-            Transfer::Out(_, data, _) => Packet::Out(of_pipe, self.rest(data)),
-            Transfer::Control(setup, data) => {
-                // Without a data stage the status stage is IN, whatever direction the request gives (USB 2.0 8.5.3).
-                let reads = setup.to_host() && setup.length > 0;
-                match (self.stage, reads) {
-                    (Stage::Setup, _) => Packet::Setup(setup.bytes()),
-                    (Stage::Data, true) => Packet::In(self.toggle),
-                    (Stage::Data, false) => {
-                        let data = data.get(..usize::from(setup.length)).unwrap_or(data);
-                        Packet::Out(self.toggle, self.rest(data))
-                    }
-                    (Stage::Status, true) => Packet::Out(Toggle::Data1, &[]),
-                    (Stage::Status, false) => Packet::In(Toggle::Data1),
-                }
-            }
-        }
-    }
-
-    /// The part of the data that the next packet carries.
-    fn rest<'a>(&self, data: &'a [u8]) -> &'a [u8] {
-        let rest = data.get(self.sent..).unwrap_or_default();
-        rest.get(..self.full).unwrap_or(rest)
-    }
-
-    /// Processes the device's response to a packet of this transfer; for one to the host, with the expected toggle.
-    fn take(&mut self, answer: Answer, sent: usize, expected: Option<Toggle>, of_pipe: &mut Toggle) -> Step {
-        let data = match (answer, expected) {
-            (Answer::Nak, _) => return Step::Waits,
-            (Answer::Stall, _) => return Step::Ends(Err(UsbError::Stalled)),
-            (Answer::Data(toggle, _), Some(expected)) if toggle != expected => {
+    /// Processes the device's response to a packet of this transfer, or to a request for one.
+    fn take(&mut self, answer: Answer, sent: usize, asked: bool, full: usize, toggle: &mut Toggle) -> Step {
+        let data = match answer {
+            Answer::Nak => return Step::Waits,
+            Answer::Stall => return Step::Ends(Err(UsbError::Stalled)),
+            Answer::Data(theirs, _) if asked && theirs != *toggle => {
                 // A retransmission: the host acknowledges and discards it (USB 2.0 8.6.4).
                 self.strikes = 0;
                 return Step::Moved;
             }
-            (Answer::Data(_, data), Some(_)) => data,
-            (Answer::Ack, None) => Vec::new(),
-            (Answer::Nothing | Answer::Ack | Answer::Data(..), _) => {
+            Answer::Data(_, data) if asked => data,
+            Answer::Ack if !asked => Vec::new(),
+            Answer::Nothing | Answer::Ack | Answer::Data(..) => {
                 self.strikes += 1;
                 return if self.strikes < STRIKES { Step::Waits } else { Step::Ends(Err(UsbError::Silent)) };
             }
         };
         self.strikes = 0;
-        let short = data.len() < self.full;
-        match self.transfer {
-            Transfer::Control(setup, _) => self.take_control(setup, sent, data, short),
-            Transfer::In(_, most) => {
-                *of_pipe = of_pipe.flipped();
-                self.received.extend(data);
-                match self.received.len() {
-                    len if len > most => Step::Ends(Err(UsbError::TooMuch)),
-                    len if short || len == most => Step::Ends(Ok(())),
-                    _ => Step::Moved,
-                }
-            }
-            Transfer::Out(_, ref data, close) => {
-                *of_pipe = of_pipe.flipped();
-                self.sent += sent;
-                let full = sent == self.full && close;
-                if self.sent >= data.len() && !full { Step::Ends(Ok(())) } else { Step::Moved }
-            }
-        }
-    }
-
-    fn take_control(&mut self, setup: Setup, sent: usize, data: Vec<u8>, short: bool) -> Step {
-        let length = usize::from(setup.length);
-        match self.stage {
-            Stage::Setup => {
-                self.stage = if length > 0 { Stage::Data } else { Stage::Status };
-            }
+        self.stage = match self.stage {
+            Stage::Setup if self.most > 0 => Stage::Data,
+            Stage::Setup => Stage::Status,
             Stage::Data => {
-                self.toggle = self.toggle.flipped();
+                *toggle = toggle.flipped();
+                let short = self.reads && data.len() < full;
                 self.sent += sent;
                 self.received.extend(data);
-                if self.received.len() > length {
+                let moved = self.received.len() + self.sent;
+                if self.received.len() > self.most {
                     return Step::Ends(Err(UsbError::TooMuch));
                 }
-                if setup.to_host() && short || self.received.len() + self.sent >= length {
-                    self.stage = Stage::Status;
+                if !short && (moved < self.most || self.close && sent == full) {
+                    return Step::Moved;
                 }
+                if self.setup.is_none() {
+                    return Step::Ends(Ok(()));
+                }
+                Stage::Status
             }
-            // The status stage is an empty packet.
-            Stage::Status if data.is_empty() => return Step::Ends(Ok(())),
-            Stage::Status => return Step::Ends(Err(UsbError::TooMuch)),
-        }
+            Stage::Status => return Step::Ends(if data.is_empty() { Ok(()) } else { Err(UsbError::TooMuch) }),
+        };
+        // Both stages of a control request that follow begin with DATA1.
+        *toggle = Toggle::Data1;
         Step::Moved
     }
 }

@@ -9,8 +9,8 @@
 
 mod protocol;
 
-use crate::usb_host::{Carried, Description, Socket, Transfer, UsbError, UsbHost};
-use protocol::{Command, Foreign, Question, Refusal};
+use crate::usb_host::{Carried, Description, Socket, UsbError, UsbHost};
+use protocol::{Foreign, Refusal, Request};
 use std::collections::BTreeMap;
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -185,46 +185,54 @@ impl<S: Socket> Server<S> {
     fn hear(&mut self, index: usize) -> Result<(), Over> {
         self.clients[index].read()?;
         loop {
-            let client = &mut self.clients[index];
-            if client.owner {
-                match protocol::take_command(&mut client.bytes)? {
-                    Some(command) => self.obey(index, command)?,
-                    None => return Ok(()),
-                }
-            } else {
-                match protocol::take_question(&mut client.bytes)? {
-                    Some(question) => self.answer(index, &question)?,
-                    None => return Ok(()),
-                }
-            }
+            let Client { bytes, owner, .. } = &mut self.clients[index];
+            let request = if *owner { protocol::take_command(bytes) } else { protocol::take_question(bytes) };
+            let Some(request) = request? else { return Ok(()) };
+            self.answer(index, request)?;
         }
     }
 
-    fn answer(&mut self, index: usize, question: &Question) -> Result<(), Over> {
-        match question {
-            Question::List => {
+    fn answer(&mut self, index: usize, request: Request) -> Result<(), Over> {
+        let reply = match request {
+            Request::List => {
                 if self.description.is_none() {
                     self.plug().map_err(Over::Device)?;
                     self.release();
                 }
-                self.clients[index].write(&protocol::list(self.description.as_ref()))
+                protocol::list(self.description.as_ref())
             }
-            Question::Import(name) if name != protocol::BUS_NAME => self.refuse(index, Refusal::NoDevice),
-            Question::Import(_) if self.is_imported() => {
+            Request::Import(name) if name != protocol::BUS_NAME => return self.refuse(index, Refusal::NoDevice),
+            Request::Import(_) if self.is_imported() => {
                 self.counts.busy += 1;
-                self.refuse(index, Refusal::Busy)
+                return self.refuse(index, Refusal::Busy);
             }
-            Question::Import(_) => {
+            Request::Import(_) => {
                 self.plug().map_err(Over::Device)?;
                 let Some(description) = self.description.as_ref() else {
                     return self.refuse(index, Refusal::NoDevice);
                 };
-                let client = &mut self.clients[index];
-                client.owner = true;
+                self.clients[index].owner = true;
                 self.counts.imports += 1;
-                client.write(&protocol::imported(Ok(description)))
+                protocol::imported(Ok(description))
             }
-        }
+            Request::Submit { sequence, to_host, transfer } => {
+                let number = self.host.submit(transfer);
+                self.transfers.insert(number, (sequence, to_host));
+                return Ok(());
+            }
+            Request::Unlink { sequence, other } => {
+                let number = self.transfers.iter().find(|(_, (number, _))| *number == other).map(|(number, _)| *number);
+                let cancelled = number.and_then(|number| {
+                    self.transfers.remove(&number);
+                    self.host.cancel(number)
+                });
+                self.counts.unlinked += u64::from(cancelled.is_some());
+                // The reply to a completed transfer has already been sent.
+                let status = if cancelled.is_some() { errno::RESET } else { 0 };
+                protocol::unlinked(sequence, status)
+            }
+        };
+        self.clients[index].write(&reply)
     }
 
     fn refuse(&mut self, index: usize, refusal: Refusal) -> Result<(), Over> {
@@ -253,32 +261,6 @@ impl<S: Socket> Server<S> {
         self.host.unplug(&mut self.socket);
         while self.host.next_done().is_some() {}
         self.transfers.clear();
-    }
-
-    fn obey(&mut self, index: usize, command: Command) -> Result<(), Over> {
-        match command {
-            Command::Submit { sequence, endpoint, to_host, length, close, setup, data } => {
-                let transfer = match (endpoint, to_host) {
-                    (0, _) => Transfer::Control(setup, data),
-                    (_, true) => Transfer::In(endpoint, length),
-                    (_, false) => Transfer::Out(endpoint, data, close),
-                };
-                let number = self.host.submit(transfer);
-                self.transfers.insert(number, (sequence, to_host));
-                Ok(())
-            }
-            Command::Unlink { sequence, other } => {
-                let number = self.transfers.iter().find(|(_, (number, _))| *number == other).map(|(number, _)| *number);
-                let cancelled = number.and_then(|number| {
-                    self.transfers.remove(&number);
-                    self.host.cancel(number)
-                });
-                self.counts.unlinked += u64::from(cancelled.is_some());
-                // The reply to a completed transfer has already been sent.
-                let status = if cancelled.is_some() { errno::RESET } else { 0 };
-                self.clients[index].write(&protocol::unlinked(sequence, status))
-            }
-        }
     }
 
     /// Sends the replies to completed transfers. A broken connection is detected at the next read.

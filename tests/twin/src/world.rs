@@ -12,23 +12,19 @@ pub trait World {
     /// Voltage of the terminal displacement signal at its pin \[V\].
     fn terminal_volts(&mut self, time_s: f64) -> f64;
     /// Bridge output voltage at the digital front end \[V\].
-    fn bridge_volts(&mut self, time_s: f64) -> f64 {
-        let _ = time_s;
+    fn bridge_volts(&mut self, _time_s: f64) -> f64 {
         0.0
     }
     /// Bridge excitation voltage at the digital front end, after the divider \[V\].
-    fn excitation_volts(&mut self, time_s: f64) -> f64 {
-        let _ = time_s;
+    fn excitation_volts(&mut self, _time_s: f64) -> f64 {
         0.0
     }
     /// Voltage of the terminal displacement signal at the digital front end \[V\].
-    fn digital_terminal_volts(&mut self, time_s: f64) -> f64 {
-        let _ = time_s;
+    fn digital_terminal_volts(&mut self, _time_s: f64) -> f64 {
         0.0
     }
     /// Chip temperature \[degree Celsius\].
-    fn temperature_c(&mut self, time_s: f64) -> f64 {
-        let _ = time_s;
+    fn temperature_c(&mut self, _time_s: f64) -> f64 {
         25.0
     }
 }

@@ -49,7 +49,7 @@ impl<'a> Loader<'a> {
         let mut host = UsbHost::default();
         let seen = host.connect(machine).expect("a device");
         assert_eq!((seen.vendor, seen.product_number), (0x0483, 0xdf11));
-        assert_eq!(seen.serial.text, serial());
+        assert_eq!(seen.serial, serial());
         Self { host, machine }
     }
 

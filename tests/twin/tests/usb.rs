@@ -16,7 +16,7 @@ use inerter_twin::chip::rcc::Reset;
 use inerter_twin::machine::{Machine, shipping_image};
 use inerter_twin::talk::Talk;
 use inerter_twin::usb_host::serial::{line_coding, set_control_lines, set_line_coding};
-use inerter_twin::usb_host::{EndpointKind, Setup, Socket, Transfer, UsbError};
+use inerter_twin::usb_host::{Setup, Socket, Transfer, UsbError};
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
 use inerter_wire::{
@@ -85,15 +85,15 @@ fn the_device_says_what_it_is() {
     let Some(mut link) = board(Still) else { return };
     let description = link.connect().expect("enumeration");
     assert_eq!((description.vendor, description.product_number), (0x1209, 0x0001));
-    assert_eq!(description.manufacturer.text, "inerter");
-    assert_eq!(description.product.text, "inerter");
-    assert_eq!(description.serial.text, serial());
+    assert_eq!(description.manufacturer, "inerter");
+    assert_eq!(description.product, "inerter");
+    assert_eq!(description.serial, serial());
     assert_eq!(description.control_packet, 64);
     assert!(description.current_ma <= 500, "{} mA", description.current_ma);
     // The kernel's driver looks for a communication interface and a data interface.
     assert_eq!(description.interfaces.iter().map(|[_, class, ..]| *class).collect::<Vec<_>>(), [2, 10]);
     let (to_device, to_host) = description.serial_endpoints().expect("a serial port");
-    for end in description.endpoints.iter().filter(|end| end.kind == EndpointKind::Bulk) {
+    for end in description.endpoints.iter().filter(|end| end.is_bulk) {
         assert_eq!(end.packet, 64);
         assert!([to_device, to_host].contains(&(end.address & 0xF)));
     }

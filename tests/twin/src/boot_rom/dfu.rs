@@ -44,20 +44,14 @@ enum State {
     Error = 10,
 }
 
-#[derive(Clone, Debug)]
-enum Job {
-    Point(u32),
-    Erase(u32),
-    Write(u32, Vec<u8>),
-}
-
 /// The state between two requests.
 #[derive(Clone, Debug)]
 pub struct Dfu {
     state: State,
     status: u8,
     pointer: u32,
-    job: Option<Job>,
+    /// The block to execute at the next request for the status: its number and data.
+    job: Option<(u16, Vec<u8>)>,
     /// Double words still to be programmed, with their addresses.
     writing: VecDeque<(u32, u64)>,
 }
@@ -129,17 +123,12 @@ impl Dfu {
     }
 
     fn download(&mut self, block: u16, data: &[u8]) -> Option<Vec<u8>> {
-        self.job = match (block, data) {
-            (_, []) => {
-                self.state = State::ManifestSync;
-                return Some(Vec::new());
-            }
-            (0, [SET_ADDRESS, a, b, c, d]) => Some(Job::Point(u32::from_le_bytes([*a, *b, *c, *d]))),
-            (0, [ERASE, a, b, c, d]) => Some(Job::Erase(u32::from_le_bytes([*a, *b, *c, *d]))),
-            (FIRST_BLOCK.., _) => Some(Job::Write(self.block_address(block), data.to_vec())),
+        self.state = match (block, data) {
+            (_, []) => State::ManifestSync,
+            (0, [SET_ADDRESS | ERASE, _, _, _, _]) | (FIRST_BLOCK.., _) => State::DownloadSync,
             _ => return self.refuse(),
         };
-        self.state = State::DownloadSync;
+        self.job = Some((block, data.to_vec()));
         Some(Vec::new())
     }
 
@@ -174,13 +163,17 @@ impl Dfu {
     }
 
     fn begin(&mut self, flash: &mut Flash, now: Cycles) {
-        match self.job.take() {
-            None => {}
-            Some(Job::Point(address)) if flash.rom_read(address, 1).is_some() => self.pointer = address,
-            Some(Job::Erase(address)) if flash.holds(address, 1) => {
+        let Some((block, data)) = self.job.take() else { return };
+        let address = match data[..] {
+            [_, a, b, c, d] if block == 0 => u32::from_le_bytes([a, b, c, d]),
+            _ => self.block_address(block),
+        };
+        match (block, data[0]) {
+            (0, SET_ADDRESS) if flash.rom_read(address, 1).is_some() => self.pointer = address,
+            (0, ERASE) if flash.holds(address, 1) => {
                 flash.rom_erase((address - flash::START) as usize / PAGE, now);
             }
-            Some(Job::Write(address, data)) if flash.holds(address, data.len()) => {
+            (FIRST_BLOCK.., _) if flash.holds(address, data.len()) => {
                 // The rest of the last double word stays erased.
                 let words = data.chunks(8).map(|chunk| {
                     let mut bytes = [0xff; 8];
@@ -189,7 +182,7 @@ impl Dfu {
                 });
                 self.writing = (address..).step_by(8).zip(words).collect();
             }
-            Some(_) => self.fail(ERR_TARGET),
+            _ => self.fail(ERR_TARGET),
         }
     }
 }

@@ -188,7 +188,7 @@ fn faults_end_the_run_where_they_happen() {
     let stopped = |program: &str| {
         let mut cpu = core(program, &[(3, COUNT_HANDLER)]);
         let stop = cpu.run(1000).expect_err("a fault");
-        (stop, cpu.place().pc)
+        (stop, cpu.pc())
     };
     assert_eq!(stopped(UNDEFINED), (Stop::Undefined, CODE + 6));
     assert_eq!(stopped(BAD_READ), (Stop::Unmapped { what: "read of", address: 4 }, CODE + 6));

@@ -40,46 +40,38 @@ impl std::ops::AddAssign for Range {
     }
 }
 
-/// The properties of an instruction that affect its own time and the next one's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// An instruction's own time, and what affects the next one's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Instruction {
-    kind: Kind,
+    cost: Range,
+    /// A load, which takes a cycle less after another one whose result is not its address.
+    loads: bool,
+    /// Number of following instructions that it makes conditional.
+    conditional: u32,
     /// Registers written, as a bit mask.
     writes: u16,
     /// Registers that form the address, as a bit mask.
     address: u16,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
-    /// Independent of the instructions around it.
-    Plain(Range),
-    Load,
-    Store,
-    /// Makes the following instructions conditional.
-    IfThen(u32),
+fn plain(least: u64, most: u64) -> Instruction {
+    Instruction { cost: Range::new(least, most), ..Instruction::default() }
 }
 
-const ONE: Kind = Kind::Plain(Range::exactly(1));
-
-const fn plain(least: u64, most: u64) -> Instruction {
-    Instruction { kind: Kind::Plain(Range::new(least, most)), writes: 0, address: 0 }
+fn one(register: u16) -> Instruction {
+    Instruction { writes: 1 << register, ..plain(1, 1) }
 }
 
-const fn one(register: u16) -> Instruction {
-    Instruction { kind: ONE, writes: 1 << register, address: 0 }
-}
-
-const fn access(load: bool, register: u16, address: u16) -> Instruction {
+fn access(load: bool, register: u16, address: u16) -> Instruction {
     match load {
-        true => Instruction { kind: Kind::Load, writes: 1 << register, address },
-        false => Instruction { kind: Kind::Store, writes: 0, address },
+        true => Instruction { loads: true, writes: 1 << register, address, ..plain(2, 2) },
+        false => Instruction { address, ..plain(1, 2) },
     }
 }
 
 /// A load or store of several words: one cycle plus one per word.
 fn several(words: u32, base: u16) -> Instruction {
-    Instruction { kind: Kind::Plain(Range::exactly(1 + u64::from(words))), writes: 0, address: 1 << base }
+    Instruction { cost: Range::exactly(1 + u64::from(words)), address: 1 << base, ..Instruction::default() }
 }
 
 const SP: u16 = 13;
@@ -98,9 +90,7 @@ fn narrow(half: u16) -> Instruction {
             0x0000 => one(SP),
             0x0400 | 0x0500 | 0x0c00 | 0x0d00 => several((half & 0x1ff).count_ones(), SP),
             0x0600 => plain(1, 2),
-            0x0f00 if half & 0xf != 0 => {
-                Instruction { kind: Kind::IfThen(4 - (half & 0xf).trailing_zeros()), ..plain(0, 1) }
-            }
+            0x0f00 if half & 0xf != 0 => Instruction { conditional: 4 - (half & 0xf).trailing_zeros(), ..plain(0, 1) },
             0x0200 | 0x0a00 => one(low(0)),
             _ => plain(1, 1),
         },
@@ -181,7 +171,7 @@ pub fn halves(code: &[u8]) -> impl Iterator<Item = u16> {
 pub fn cost(address: u32, code: &[u8]) -> Range {
     let mut total = Range::default();
     let (mut at, mut across_words) = (address, 0);
-    let mut before: Option<Instruction> = None;
+    let mut before = Instruction::default();
     let mut conditional = 0;
     let mut halves = halves(code);
     while let Some(half) = halves.next() {
@@ -190,24 +180,19 @@ pub fn cost(address: u32, code: &[u8]) -> Range {
         let instruction = if is_narrow { narrow(half) } else { wide(half, halves.next().unwrap_or(0)) };
         across_words = if is_narrow || at & 2 == 0 { 0 } else { across_words + 1 };
         at += if is_narrow { 2 } else { 4 };
-        let depends = before.is_some_and(|before| before.writes & instruction.address != 0);
-        let paired = before.is_some_and(|before| before.kind == Kind::Load) && !depends;
-        let mut range = match instruction.kind {
-            Kind::Plain(range) => range,
-            Kind::Load => Range::new(if paired { 1 } else { 2 }, 2),
-            Kind::Store => Range::new(1, 2),
-            Kind::IfThen(_) => Range::new(0, 1),
-        };
+        let depends = before.writes & instruction.address != 0;
+        let mut range = instruction.cost;
+        range.least -= u64::from(before.loads && instruction.loads && !depends);
         range.most += u64::from(depends) + u64::from(across_words > 0 && across_words % 3 == 0);
         if conditional > 0 {
             conditional -= 1;
             range.least = range.least.min(1);
         }
-        if let Kind::IfThen(instructions) = instruction.kind {
-            conditional = instructions;
+        if instruction.conditional > 0 {
+            conditional = instruction.conditional;
         }
         total += range;
-        before = Some(instruction);
+        before = instruction;
     }
     total
 }

@@ -2,6 +2,11 @@
 //!
 //! Source: USB 2.0 9.6; CDC 1.2 5.2.
 
+/// Transfer types of an endpoint besides control.
+const ISOCHRONOUS: u8 = 1;
+const BULK: u8 = 2;
+const INTERRUPT: u8 = 3;
+
 /// Errors in descriptors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DescriptorError {
@@ -25,43 +30,21 @@ pub enum DescriptorError {
     NotSerial,
 }
 
-/// Transfer type of an endpoint.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum EndpointKind {
-    /// Control requests.
-    Control,
-    /// One packet per frame.
-    Isochronous,
-    /// Packets in the remaining bus time.
-    Bulk,
-    /// One packet every given number of frames.
-    Interrupt,
-}
-
 /// An endpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Endpoint {
     /// bEndpointAddress: number, with the top bit set for IN.
     pub address: u8,
-    /// Transfer type.
-    pub kind: EndpointKind,
+    /// Whether it sends packets in the remaining bus time.
+    pub is_bulk: bool,
     /// Maximum packet size \[bytes\].
     pub packet: u16,
     /// Class of the interface.
     pub class: u8,
 }
 
-/// A string descriptor and its index.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Text {
-    /// String index; 0 if there is none.
-    pub index: u8,
-    /// The string.
-    pub text: String,
-}
-
 /// The contents of a device's descriptors.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Description {
     /// Vendor ID.
     pub vendor: u16,
@@ -74,11 +57,11 @@ pub struct Description {
     /// Maximum packet size of endpoint 0.
     pub control_packet: u8,
     /// Manufacturer.
-    pub manufacturer: Text,
+    pub manufacturer: String,
     /// Product name.
-    pub product: Text,
+    pub product: String,
     /// Serial number.
-    pub serial: Text,
+    pub serial: String,
     /// Value of the first configuration.
     pub configuration: u8,
     /// Maximum bus current \[mA\].
@@ -97,20 +80,13 @@ impl Description {
             return Err(DescriptorError::Kind);
         }
         let word = |at: usize| u16::from_le_bytes([device[at], device[at + 1]]);
-        let text = |index| Text { index, text: String::new() };
         let mut description = Self {
             class: [device[4], device[5], device[6]],
             control_packet: device[7],
             vendor: word(8),
             product_number: word(10),
             version: word(12),
-            manufacturer: text(device[14]),
-            product: text(device[15]),
-            serial: text(device[16]),
-            configuration: 0,
-            current_ma: 0,
-            interfaces: Vec::new(),
-            endpoints: Vec::new(),
+            ..Self::default()
         };
         if !matches!(description.control_packet, 8 | 16 | 32 | 64) {
             return Err(DescriptorError::PacketSize);
@@ -139,23 +115,17 @@ impl Description {
                     self.interfaces.push([number, class, subclass, protocol]);
                 }
                 [7, 5, address, attributes, low, high, _] => {
-                    let kind = match attributes & 3 {
-                        0 => EndpointKind::Control,
-                        1 => EndpointKind::Isochronous,
-                        2 => EndpointKind::Bulk,
-                        _ => EndpointKind::Interrupt,
-                    };
-                    let packet = u16::from_le_bytes([low, high]);
+                    let (kind, packet) = (attributes & 3, u16::from_le_bytes([low, high]));
                     let allowed = match kind {
-                        EndpointKind::Isochronous => packet <= 1023,
-                        EndpointKind::Interrupt => packet <= 64,
+                        ISOCHRONOUS => packet <= 1023,
+                        INTERRUPT => packet <= 64,
                         _ => matches!(packet, 8 | 16 | 32 | 64),
                     };
                     if !allowed {
                         return Err(DescriptorError::PacketSize);
                     }
                     let class = self.interfaces.last().map_or(0, |interface| interface[1]);
-                    self.endpoints.push(Endpoint { address, kind, packet, class });
+                    self.endpoints.push(Endpoint { address, is_bulk: kind == BULK, packet, class });
                 }
                 [_, 2 | 4 | 5, ..] => return Err(DescriptorError::Short),
                 _ => {}
@@ -168,7 +138,7 @@ impl Description {
     pub fn serial_endpoints(&self) -> Result<(u8, u8), DescriptorError> {
         const CDC_DATA: u8 = 10;
         let bulk = |to_host: bool| {
-            let mut data = self.endpoints.iter().filter(|end| end.class == CDC_DATA && end.kind == EndpointKind::Bulk);
+            let mut data = self.endpoints.iter().filter(|end| end.class == CDC_DATA && end.is_bulk);
             data.find(|end| (end.address & 0x80 != 0) == to_host).map(|end| end.address & 0xF)
         };
         bulk(false).zip(bulk(true)).ok_or(DescriptorError::NotSerial)

@@ -39,11 +39,9 @@ impl SerialPort {
     }
 
     /// Clears DTR and RTS and cancels the reads, in Linux's order.
-    pub fn close(self, host: &mut UsbHost, socket: &mut impl Socket) -> Carried {
+    pub fn close(mut self, host: &mut UsbHost, socket: &mut impl Socket) -> Carried {
         let result = set_control_lines(host, socket, false, false);
-        for number in self.reads {
-            host.cancel(number);
-        }
+        self.stop_reading(host);
         result
     }
 
@@ -74,17 +72,9 @@ impl SerialPort {
         bytes: &[u8],
         within_s: f64,
     ) -> (usize, Carried) {
-        let number = host.submit(Transfer::Out(self.to_device, bytes.to_vec(), false));
-        let end_s = socket.time_s() + within_s;
-        loop {
-            if let Some(done) = host.take_done(number) {
-                return (done.moved, done.result.map(|_| ()));
-            }
-            let late = if socket.time_s() < end_s { Ok(()) } else { Err(UsbError::Late) };
-            if let Err(error) = late.and_then(|()| host.service(socket)).and_then(|()| self.collect(host)) {
-                return (host.cancel(number).unwrap_or(0), Err(error));
-            }
-        }
+        let transfer = Transfer::Out(self.to_device, bytes.to_vec(), false);
+        let done = host.wait_for(socket, transfer, within_s, |host| self.collect(host));
+        (done.moved, done.result.map(|_| ()))
     }
 
     /// Collects the data of finished reads and queues new ones.

@@ -5,7 +5,7 @@
 //!
 //! Source: Linux, Documentation/usb/usbip_protocol.rst.
 
-use crate::usb_host::{Description, Setup};
+use crate::usb_host::{Description, Setup, Transfer};
 
 /// Protocol version.
 const VERSION: u16 = 0x0111;
@@ -28,13 +28,29 @@ const ZERO_PACKET: u32 = 0x40;
 /// Limit on announced data, above anything that our clients send. A peer that announces more is not a client.
 const MOST_BYTES: u32 = 1 << 20;
 
-/// A request at the start of a connection.
+/// A client's request: the first two at the start of a connection, the others once it has imported the device.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Question {
+pub enum Request {
     /// `OP_REQ_DEVLIST`: list the devices.
     List,
     /// `OP_REQ_IMPORT`: import the device with this bus ID.
     Import(String),
+    /// Submit a transfer.
+    Submit {
+        /// Sequence number of the command.
+        sequence: u32,
+        /// Whether it is an IN transfer.
+        to_host: bool,
+        /// The transfer.
+        transfer: Transfer,
+    },
+    /// Cancel a command.
+    Unlink {
+        /// Sequence number of this command.
+        sequence: u32,
+        /// Sequence number of the command to cancel.
+        other: u32,
+    },
 }
 
 /// An error reply to an import.
@@ -46,74 +62,43 @@ pub enum Refusal {
     NoDevice = 4,
 }
 
-/// A command from the client that has imported the device.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Command {
-    /// Submit a transfer.
-    Submit {
-        /// Sequence number of the command.
-        sequence: u32,
-        /// Endpoint number without direction.
-        endpoint: u8,
-        /// Whether it is an IN transfer.
-        to_host: bool,
-        /// Bytes requested, or sent.
-        length: usize,
-        /// Whether an empty packet follows data that ends with a full one.
-        close: bool,
-        /// The setup packet, for endpoint 0.
-        setup: Setup,
-        /// Data for the device.
-        data: Vec<u8>,
-    },
-    /// Cancel a command.
-    Unlink {
-        /// Sequence number of this command.
-        sequence: u32,
-        /// Sequence number of the command to cancel.
-        other: u32,
-    },
-}
-
 /// Data that does not follow this protocol.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("not USB/IP 1.1.1: {0}")]
-pub struct Foreign(pub &'static str);
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Foreign;
 
 fn word(bytes: &[u8], at: usize) -> Option<u32> {
     bytes.get(at..at + 4)?.try_into().ok().map(u32::from_be_bytes)
 }
 
 /// Takes a request from the front of `bytes`; none until it is complete.
-pub fn take_question(bytes: &mut Vec<u8>) -> Result<Option<Question>, Foreign> {
+pub fn take_question(bytes: &mut Vec<u8>) -> Result<Option<Request>, Foreign> {
     let Some(head) = word(bytes, 0).filter(|_| bytes.len() >= 8) else { return Ok(None) };
     if (head >> 16) as u16 != VERSION {
-        return Err(Foreign("wrong version"));
+        return Err(Foreign);
     }
     match head as u16 {
         0x8005 => {
             bytes.drain(..8);
-            Ok(Some(Question::List))
+            Ok(Some(Request::List))
         }
         0x8003 if bytes.len() < 8 + BUS_ID => Ok(None),
         0x8003 => {
             let name: Vec<u8> = bytes.drain(..8 + BUS_ID).skip(8).take_while(|byte| *byte != 0).collect();
-            Ok(Some(Question::Import(String::from_utf8_lossy(&name).into_owned())))
+            Ok(Some(Request::Import(String::from_utf8_lossy(&name).into_owned())))
         }
-        _ => Err(Foreign("unknown request")),
+        _ => Err(Foreign),
     }
 }
 
 /// Takes a command from the front of `bytes`; none until it is complete.
-pub fn take_command(bytes: &mut Vec<u8>) -> Result<Option<Command>, Foreign> {
+pub fn take_command(bytes: &mut Vec<u8>) -> Result<Option<Request>, Foreign> {
     let words: Option<Vec<u32>> = (0..10).map(|at| word(bytes, 4 * at)).collect();
     let (Some(words), Some(&setup)) = (words, bytes.get(40..HEADER).and_then(|eight| eight.first_chunk::<8>())) else {
         return Ok(None);
     };
     let (sequence, to_host, endpoint, flags, length) = (words[1], words[3] != 0, words[4], words[5], words[6]);
     match words[0] {
-        1 if endpoint > 15 => Err(Foreign("endpoint number above 15")),
-        1 if length > MOST_BYTES => Err(Foreign("transfer is too long")),
+        1 if endpoint > 15 || length > MOST_BYTES => Err(Foreign),
         1 => {
             let length = length as usize;
             let behind = if to_host { 0 } else { length };
@@ -121,22 +106,27 @@ pub fn take_command(bytes: &mut Vec<u8>) -> Result<Option<Command>, Foreign> {
                 return Ok(None);
             }
             let data = bytes.drain(..HEADER + behind).skip(HEADER).collect();
-            let (endpoint, close) = (endpoint as u8, flags & ZERO_PACKET != 0);
-            let setup = Setup::from_bytes(setup);
-            Ok(Some(Command::Submit { sequence, endpoint, to_host, length, close, setup, data }))
+            let transfer = match (endpoint as u8, to_host) {
+                (0, _) => Transfer::Control(Setup::from_bytes(setup), data),
+                (endpoint, true) => Transfer::In(endpoint, length),
+                (endpoint, false) => Transfer::Out(endpoint, data, flags & ZERO_PACKET != 0),
+            };
+            Ok(Some(Request::Submit { sequence, to_host, transfer }))
         }
         2 => {
             bytes.drain(..HEADER);
-            Ok(Some(Command::Unlink { sequence, other: flags }))
+            Ok(Some(Request::Unlink { sequence, other: flags }))
         }
-        _ => Err(Foreign("unknown command")),
+        _ => Err(Foreign),
     }
 }
 
+fn big_endian(numbers: &[u32]) -> Vec<u8> {
+    numbers.iter().flat_map(|number| number.to_be_bytes()).collect()
+}
+
 fn header(code: u16, status: u32) -> Vec<u8> {
-    let mut bytes = (u32::from(VERSION) << 16 | u32::from(code)).to_be_bytes().to_vec();
-    bytes.extend(status.to_be_bytes());
-    bytes
+    big_endian(&[u32::from(VERSION) << 16 | u32::from(code), status])
 }
 
 fn padded(text: &str, length: usize) -> Vec<u8> {
@@ -148,9 +138,7 @@ fn padded(text: &str, length: usize) -> Vec<u8> {
 fn device(description: &Description) -> Vec<u8> {
     let mut bytes = padded("/twin/1-1", PATH);
     bytes.extend(padded(BUS_NAME, BUS_ID));
-    for number in [BUS, DEVICE, FULL_SPEED] {
-        bytes.extend(number.to_be_bytes());
-    }
+    bytes.extend(big_endian(&[BUS, DEVICE, FULL_SPEED]));
     for number in [description.vendor, description.product_number, description.version] {
         bytes.extend(number.to_be_bytes());
     }
@@ -160,7 +148,7 @@ fn device(description: &Description) -> Vec<u8> {
     bytes
 }
 
-/// The reply to [`Question::List`].
+/// The reply to [`Request::List`].
 pub fn list(description: Option<&Description>) -> Vec<u8> {
     let mut bytes = header(0x0005, 0);
     bytes.extend(u32::from(description.is_some()).to_be_bytes());
@@ -173,7 +161,7 @@ pub fn list(description: Option<&Description>) -> Vec<u8> {
     bytes
 }
 
-/// The reply to [`Question::Import`].
+/// The reply to [`Request::Import`].
 pub fn imported(description: Result<&Description, Refusal>) -> Vec<u8> {
     match description {
         Ok(description) => [header(0x0003, 0), device(description)].concat(),
@@ -182,21 +170,17 @@ pub fn imported(description: Result<&Description, Refusal>) -> Vec<u8> {
 }
 
 fn returned(code: u32, sequence: u32, status: i32, moved: usize) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(HEADER);
-    for number in [code, sequence, 0, 0, 0, status as u32, moved as u32, 0, 0, 0, 0, 0] {
-        bytes.extend(number.to_be_bytes());
-    }
-    bytes
+    big_endian(&[code, sequence, 0, 0, 0, status as u32, moved as u32, 0, 0, 0, 0, 0])
 }
 
-/// The reply to [`Command::Submit`]: Linux error number or 0, number of bytes transferred, and the data for the host.
+/// The reply to [`Request::Submit`]: Linux error number or 0, number of bytes transferred, and the data for the host.
 pub fn submitted(sequence: u32, status: i32, moved: usize, data: &[u8]) -> Vec<u8> {
     let mut bytes = returned(3, sequence, status, moved);
     bytes.extend_from_slice(data);
     bytes
 }
 
-/// The reply to [`Command::Unlink`].
+/// The reply to [`Request::Unlink`].
 pub fn unlinked(sequence: u32, status: i32) -> Vec<u8> {
     returned(4, sequence, status, 0)
 }
@@ -227,7 +211,7 @@ mod tests {
         }
         let mut bytes = [whole.clone(), whole].concat();
         for left in [51, 0] {
-            let Ok(Some(Command::Submit { sequence: 7, endpoint: 2, to_host: false, close: true, data, .. })) =
+            let Ok(Some(Request::Submit { sequence: 7, to_host: false, transfer: Transfer::Out(2, data, true) })) =
                 take_command(&mut bytes)
             else {
                 panic!("expected a submit command")
@@ -238,13 +222,14 @@ mod tests {
 
     #[test]
     fn a_read_carries_no_bytes() {
-        let mut bytes = numbers(&[1, 8, 0x1_0002, 1, 1, 0, 128, 0, 0, 0]);
-        bytes.extend([0x80, 6, 0, 1, 0, 0, 18, 0]);
         let setup = Setup { kind: 0x80, request: 6, value: 0x100, index: 0, length: 18 };
-        let expected =
-            Command::Submit { sequence: 8, endpoint: 1, to_host: true, length: 128, close: false, setup, data: vec![] };
-        assert_eq!(take_command(&mut bytes), Ok(Some(expected)));
-        assert!(bytes.is_empty());
+        for (endpoint, transfer) in [(0, Transfer::Control(setup, vec![])), (1, Transfer::In(1, 128))] {
+            let mut bytes = numbers(&[1, 8, 0x1_0002, 1, endpoint, 0, 128, 0, 0, 0]);
+            bytes.extend([0x80, 6, 0, 1, 0, 0, 18, 0]);
+            let expected = Request::Submit { sequence: 8, to_host: true, transfer };
+            assert_eq!(take_command(&mut bytes), Ok(Some(expected)));
+            assert!(bytes.is_empty());
+        }
     }
 
     #[test]
@@ -264,11 +249,11 @@ mod tests {
 
     #[test]
     fn questions_are_understood() {
-        assert_eq!(take_question(&mut numbers(&[0x0111_8005, 0])), Ok(Some(Question::List)));
+        assert_eq!(take_question(&mut numbers(&[0x0111_8005, 0])), Ok(Some(Request::List)));
         let mut import = numbers(&[0x0111_8003, 0]);
         assert_eq!(take_question(&mut import), Ok(None));
         import.extend(padded("1-1", BUS_ID));
-        assert_eq!(take_question(&mut import), Ok(Some(Question::Import("1-1".into()))));
+        assert_eq!(take_question(&mut import), Ok(Some(Request::Import("1-1".into()))));
         assert!(import.is_empty());
     }
 
