@@ -55,7 +55,6 @@ enum Look {
 
 /// Connects to a device by its port, its TCP address or its serial number, or to the only one that is plugged in.
 #[pyfunction]
-#[pyo3(signature = (port, address, serial, baud, wait_s))]
 pub fn connect(
     py: Python<'_>,
     port: Option<String>,
