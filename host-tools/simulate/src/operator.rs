@@ -111,7 +111,7 @@ impl Iterator for Handled {
         }
         let step_m = SPEED_M_PER_S / self.simulation.sensors().sample_rate_hz;
         self.moved_m += (wanted.moved_m - self.moved_m).clamp(-step_m, step_m);
-        self.simulation.handle(Hands { moved_m: self.moved_m, ..wanted });
+        self.simulation.hands = Hands { moved_m: self.moved_m, ..wanted };
         self.simulation.next()
     }
 }

@@ -101,7 +101,7 @@ impl Setup {
     pub(crate) fn simulation(&self) -> Result<Simulation, SimulateError> {
         let plant = Plant::changing(self.parameters, self.later.into_iter().collect(), self.excitation.clone())?;
         let mut simulation = Simulation::of(plant, self.sensors)?;
-        simulation.handle(Hands { load_n: self.load_n, moved_m: 0.0 });
+        simulation.hands = Hands { load_n: self.load_n, moved_m: 0.0 };
         Ok(simulation)
     }
 
