@@ -156,6 +156,11 @@ impl Inerter {
         self.coulomb_n > 0.0 || (self.viscous_asymmetry != 0.0 && self.viscous_n_s_per_m > 0.0)
     }
 
+    /// Whether friction can hold the screw at rest.
+    pub(crate) fn sticks(&self) -> bool {
+        self.has_directions() && !self.presslides()
+    }
+
     /// Whether the flanks always touch.
     pub(crate) fn is_closed(&self) -> bool {
         self.backlash_m == 0.0 && self.unilateral == 0.0

@@ -178,12 +178,12 @@ fn motion_figure(planned: &Planned) -> Figure {
         name: "motion",
         title: "Motion".into(),
         caption: description(machine, "Displacement of the terminal over time, as the shaker moves it."),
-        panels: vec![Panel {
-            x: Axis::new("Time [s]"),
-            y: Axis::new(description(machine, "Displacement of the terminal [mm]")),
-            height_px: MOTION_PX,
-            layers: vec![Layer::unnamed(Colour::Blue, Shape::Line(points, Stroke::Thin))],
-        }],
+        panels: vec![Panel::new(
+            "Time [s]",
+            Axis::new(description(machine, "Displacement of the terminal [mm]")),
+            MOTION_PX,
+            vec![Layer::unnamed(Colour::Blue, Shape::Line(points, Stroke::Thin))],
+        )],
     }
 }
 
