@@ -1,5 +1,11 @@
 //! Results of the test.
 
+use crate::board::JumperError;
+
+/// Result of a part of the test, or why the test ends: it could not be done, or (`None`) a check failed, which is the
+/// report's last.
+pub(crate) type Judged<T> = Result<T, Option<JumperError>>;
+
 /// One property of the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Check {
@@ -54,15 +60,15 @@ impl Report {
         self.measured.is_some() && self.checks.iter().all(Check::passed)
     }
 
-    /// Adds a check only if it failed; returns whether it passed.
-    pub(crate) fn holds(&mut self, check: Check) -> bool {
-        check.passed() || self.take(check)
+    /// Adds a check only if it failed, which ends the test.
+    pub(crate) fn holds(&mut self, check: Check) -> Judged<()> {
+        if check.passed() { Ok(()) } else { self.take(check) }
     }
 
-    /// Adds a check; returns whether it passed.
-    pub(crate) fn take(&mut self, check: Check) -> bool {
+    /// Adds a check; one that failed ends the test.
+    pub(crate) fn take(&mut self, check: Check) -> Judged<()> {
         let passed = check.passed();
         self.checks.push(check);
-        passed
+        if passed { Ok(()) } else { Err(None) }
     }
 }

@@ -3,7 +3,7 @@
 
 use crate::align::Line;
 use crate::board::JumperError;
-use crate::check::{Check, Report};
+use crate::check::{Check, Judged, Report};
 use crate::recording::{Recording, SAMPLE_RATE_HZ};
 use crate::tape::Tape;
 use crate::wires::Chain;
@@ -149,24 +149,19 @@ impl Wanted {
 }
 
 /// Compares the parameters with [`truth`].
-pub fn parameters(estimate: &Estimate, report: &mut Report) -> bool {
+pub fn parameters(estimate: &Estimate, report: &mut Report) -> Judged<()> {
     let (device, found) = (truth(), &estimate.whole_run);
     let inertance = Wanted { name: "inertance", unit: "kg", truth: device.inertance_kg, beyond: 0.001, widest: 0.002 };
     let viscous =
         Wanted { name: "viscous friction", unit: "N s/m", truth: device.viscous_n_s_per_m, beyond: 0.1, widest: 0.6 };
     let coulomb = Wanted { name: "Coulomb friction", unit: "N", truth: device.coulomb_n, beyond: 0.02, widest: 0.01 };
-    let checks = [
-        inertance.judge(found.inertance_kg.known()),
-        viscous.judge(found.viscous_n_s_per_m.known()),
-        coulomb.judge(found.coulomb_n.known()),
-    ];
-    let passed = checks.iter().all(Check::passed);
-    report.checks.extend(checks);
-    passed
+    let pairs = [(inertance, found.inertance_kg), (viscous, found.viscous_n_s_per_m), (coulomb, found.coulomb_n)];
+    // All are judged, whichever fails.
+    pairs.map(|(wanted, found)| report.take(wanted.judge(found.known()))).into_iter().collect()
 }
 
 /// Compares the backlash from one route with [`worn`].
-pub fn backlash(detail: &Detail, route: Route, report: &mut Report) -> bool {
+pub fn backlash(detail: &Detail, route: Route, report: &mut Report) -> Judged<()> {
     const UM: f64 = 1e6;
     let (name, widest) = match route {
         Route::Force => ("backlash by the force", 0.08),
@@ -223,7 +218,7 @@ mod tests {
     /// Parameters, judged.
     fn judged(device: Inerter) -> Report {
         let mut report = Report::default();
-        parameters(&published(&at_best(device), Route::Force).estimate, &mut report);
+        parameters(&published(&at_best(device), Route::Force).estimate, &mut report).ok();
         print(&report);
         report
     }
@@ -232,7 +227,7 @@ mod tests {
     fn backlashes(tape: &Tape) -> Report {
         let mut report = Report::default();
         for route in [Route::Force, Route::Terminal] {
-            backlash(&published(tape, route).detail, route, &mut report);
+            backlash(&published(tape, route).detail, route, &mut report).ok();
         }
         print(&report);
         report
@@ -280,8 +275,8 @@ mod tests {
         let mut report = Report::default();
         let size = BacklashSize::Ok(Interval { value: 1e-4, u95: 1e-6 });
         let by_force = Detail { backlash: Backlash { size, ..Backlash::default() }, ..Detail::default() };
-        assert!(backlash(&by_force, Route::Force, &mut report));
-        assert!(!backlash(&by_force, Route::Terminal, &mut report));
-        assert!(!backlash(&Detail::default(), Route::Force, &mut report));
+        assert_eq!(backlash(&by_force, Route::Force, &mut report), Ok(()));
+        assert_eq!(backlash(&by_force, Route::Terminal, &mut report), Err(None));
+        assert_eq!(backlash(&Detail::default(), Route::Force, &mut report), Err(None));
     }
 }

@@ -51,27 +51,6 @@ impl Recording {
         let gaps = self.samples.windows(2).map(|pair| u64::from(pair[1].index.wrapping_sub(pair[0].index)));
         gaps.filter(|gap| *gap < 1 << 31).map(|gap| gap.saturating_sub(1)).sum()
     }
-
-    fn take(&mut self, board: &mut impl Board, pairing: &mut Pairing) {
-        for (came_s, record) in board.records() {
-            for event in pairing.take(&record) {
-                if let EstimatorEvent::Estimate(estimated) = event {
-                    self.estimate = Some(estimated.estimate);
-                    self.detail = estimated.detail.or(self.detail);
-                }
-            }
-            match record {
-                Record::Samples(batch) => {
-                    for sample in batch.iter().flatten() {
-                        self.samples.push(sample);
-                        self.came_s.push(came_s);
-                    }
-                }
-                Record::Event(Event { kind: EventKind::Fault(fault), .. }) => self.faults.push(fault),
-                _ => {}
-            }
-        }
-    }
 }
 
 /// The request that [`Play::Progress`] stands for.
@@ -172,7 +151,25 @@ impl Playing {
     }
 
     fn take(&mut self, board: &mut impl Board) {
-        self.recording.take(board, &mut self.pairing);
+        let recording = &mut self.recording;
+        for (came_s, record) in board.records() {
+            for event in self.pairing.take(&record) {
+                if let EstimatorEvent::Estimate(estimated) = event {
+                    recording.estimate = Some(estimated.estimate);
+                    recording.detail = estimated.detail.or(recording.detail);
+                }
+            }
+            match record {
+                Record::Samples(batch) => {
+                    for sample in batch.iter().flatten() {
+                        recording.samples.push(sample);
+                        recording.came_s.push(came_s);
+                    }
+                }
+                Record::Event(Event { kind: EventKind::Fault(fault), .. }) => recording.faults.push(fault),
+                _ => {}
+            }
+        }
     }
 
     /// Sends knots as there is room for them.

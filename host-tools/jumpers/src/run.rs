@@ -2,12 +2,12 @@
 
 use crate::align::{ENTRIES, positions};
 use crate::board::{Board, JumperError};
-use crate::check::{Check, Measured, Report};
+use crate::check::{Check, Judged, Report};
 use crate::motion;
-use crate::recording::{record, record_from_rest};
+use crate::recording::{Recording, record_from_rest};
 use crate::sweep::sweep;
 use crate::tape::Tape;
-use crate::wires::{Chain, Levels, SETTLED_TICKS, chain, encoder, played, sampled, sound};
+use crate::wires::{Chain, Levels, SETTLED_TICKS, chain, played, sampled, sound};
 use inerter_core::{Route, Settings};
 use inerter_plant::Inerter;
 use inerter_wire::{Capabilities, Command, Play, Record, Refusal, SettingsValues, Streams};
@@ -38,13 +38,16 @@ pub fn run(board: &mut impl Board, clock_is_known: bool) -> Result<Report, Jumpe
 /// As [`run`].
 pub fn run_with(board: &mut impl Board, clock_is_known: bool, device: Inerter) -> Result<Report, JumperError> {
     let before = settings_in_use(board)?;
-    let outcome = measure(board, clock_is_known, device);
+    let mut report = Report::default();
+    let outcome = measure(board, clock_is_known, device, &mut report);
     // Wherever it stopped, the outputs are released; a board that is gone releases them by itself.
     let _ = board.request(Command::Play(Play::End));
     let restored = [Command::WriteSettings(before), Command::ResetEstimator]
         .into_iter()
         .try_for_each(|command| board.request(command).map(drop));
-    let report = outcome?;
+    if let Err(Some(error)) = outcome {
+        return Err(error);
+    }
     restored.map_err(JumperError::refused("take back its settings"))?;
     Ok(report)
 }
@@ -81,66 +84,51 @@ fn set_up(board: &mut impl Board, settings: &Settings) -> Result<(), JumperError
     board.listen(REPLY_S)
 }
 
-fn measure(board: &mut impl Board, clock_is_known: bool, device: Inerter) -> Result<Report, JumperError> {
-    let mut report = Report::default();
+fn measure(board: &mut impl Board, clock_is_known: bool, device: Inerter, report: &mut Report) -> Judged<()> {
     set_up(board, &motion::settings(0.0, Route::Force))?;
-    let Some(chain) = wires(board, &mut report)? else { return Ok(report) };
-    let Some((skew_s, skew_u95_s)) = sweep(board, &mut report)? else { return Ok(report) };
-    if !burst(board, &mut report)? {
-        return Ok(report);
-    }
-    if motions(board, (&chain, device), skew_s, clock_is_known, &mut report)? {
-        report.measured = Some(Measured { skew_s, skew_u95_s });
-    }
-    Ok(report)
+    let levels = Levels::new();
+    let (recording, aligned) = sound(board, &levels.tape, SETTLED_TICKS, None, Report::take, report)?;
+    let chain = chain(&levels, &recording, &aligned, report)?;
+    let measured = sweep(board, report)?;
+    burst(board, report)?;
+    motions(board, (&chain, device), measured.skew_s, clock_is_known, report)?;
+    report.measured = Some(measured);
+    Ok(())
 }
 
 /// Plays a device's motion for its parameters, and a worn one's for its backlash, once for each route, which the
-/// settings select. Returns whether all results agree with what was played.
+/// settings select. All results must agree with what was played.
 fn motions(
     board: &mut impl Board,
     (chain, device): (&Chain, Inerter),
     skew_s: f64,
     clock_is_known: bool,
     report: &mut Report,
-) -> Result<bool, JumperError> {
-    let mut play = |tape: &Tape, route, report: &mut Report| {
+) -> Judged<()> {
+    let mut play = |tape: &Tape, route, report: &mut Report| -> Judged<Recording> {
         set_up(board, &motion::settings(skew_s, route))?;
         let recording = played(record_from_rest(board, tape, SETTLED_TICKS), report)?;
-        let Some(recording) = recording else { return Ok::<_, JumperError>(None) };
-        let holds = report.holds(sampled(board, tape, &recording, true)?);
-        Ok(holds.then_some(recording))
+        report.holds(sampled(board, tape, &recording, true)?)?;
+        Ok(recording)
     };
-    let Some(sound) = play(&motion::tape(device, chain)?, Route::Force, report)? else { return Ok(false) };
-    let passed = (clock_is_known || report.take(motion::timebase(&sound)))
-        && motion::parameters(&sound.estimate.unwrap_or_default(), report);
-    if !passed {
-        return Ok(false);
+    let sound = play(&motion::tape(device, chain)?, Route::Force, report)?;
+    if !clock_is_known {
+        report.take(motion::timebase(&sound))?;
     }
+    motion::parameters(&sound.estimate.unwrap_or_default(), report)?;
     let worn = motion::tape(motion::worn(), chain)?;
     for route in [Route::Force, Route::Terminal] {
-        let Some(recording) = play(&worn, route, report)? else { return Ok(false) };
-        if !motion::backlash(&recording.detail.unwrap_or_default(), route, report) {
-            return Ok(false);
-        }
+        let recording = play(&worn, route, report)?;
+        motion::backlash(&recording.detail.unwrap_or_default(), route, report)?;
     }
-    Ok(true)
-}
-
-fn wires(board: &mut impl Board, report: &mut Report) -> Result<Option<Chain>, JumperError> {
-    let levels = Levels::new();
-    let recording = played(record(board, &levels.tape, SETTLED_TICKS, None), report)?;
-    let Some(recording) = recording else { return Ok(None) };
-    let (check, aligned) = encoder(&levels.tape, &recording);
-    let passed = report.take(sampled(board, &levels.tape, &recording, check.passed())?) && report.take(check);
-    Ok(aligned.filter(|_| passed).and_then(|aligned| chain(&levels, &recording, &aligned, report)))
+    Ok(())
 }
 
 /// Checks that no edge is lost at the maximum rate.
-fn burst(board: &mut impl Board, report: &mut Report) -> Result<bool, JumperError> {
+fn burst(board: &mut impl Board, report: &mut Report) -> Judged<()> {
     let tape = Tape::new();
-    let sound = sound(board, &tape, SETTLED_TICKS, Some((EDGE_TICKS, BLOCKS)), report)?;
-    let Some((recording, aligned)) = sound else { return Ok(false) };
+    let edges = Some((EDGE_TICKS, BLOCKS));
+    let (recording, aligned) = sound(board, &tape, SETTLED_TICKS, edges, Report::holds, report)?;
     let positions = positions(&recording);
     // Before the burst, where the tape ends; and after it, before the pins were let go.
     let ended = (tape.steps().len() as i64 - aligned.lag) / ENTRIES as i64 - 1;
@@ -155,5 +143,5 @@ fn burst(board: &mut impl Board, report: &mut Report) -> Result<bool, JumperErro
     };
     let rate = 168.0 / f64::from(EDGE_TICKS);
     let expected = format!("{wanted} counts at {rate} million a second");
-    Ok(report.take(Check::new("fast edges", expected, format!("{counted} counts of {played} edges"), cause)))
+    report.take(Check::new("fast edges", expected, format!("{counted} counts of {played} edges"), cause))
 }

@@ -5,8 +5,8 @@
 //! time `tau` and the sampling instant separately; the instant is relative to the count's latch.
 
 use crate::align::{Aligned, Sums};
-use crate::board::{Board, JumperError};
-use crate::check::{Check, Report};
+use crate::board::Board;
+use crate::check::{Check, Judged, Measured, Report};
 use crate::recording::Recording;
 use crate::tape::Tape;
 use crate::wires::sound;
@@ -151,24 +151,24 @@ impl Look {
     }
 }
 
-/// Plays the tape at each phase and judges; returns the force's skew and its uncertainty, or `None` if a check fails
-/// \[s\].
-pub fn sweep(board: &mut impl Board, report: &mut Report) -> Result<Option<(f64, f64)>, JumperError> {
+/// Plays the tape at each phase and judges; returns the force's skew.
+pub fn sweep(board: &mut impl Board, report: &mut Report) -> Judged<Measured> {
     let tape = tape();
     let mut found = [Vec::new(), Vec::new()];
     for phase in PHASES {
-        let Some((recording, aligned)) = sound(board, &tape, phase, None, report)? else { return Ok(None) };
+        let (recording, aligned) = sound(board, &tape, phase, None, Report::holds, report)?;
         let phase_us = f64::from(recording.phase_ticks) / TICKS_PER_US;
         for (list, terminal) in found.iter_mut().zip([false, true]) {
             list.push((phase_us, behind(&tape, &recording, &aligned, terminal)));
         }
     }
     let looks = found.map(|found| Look::fit(&found));
-    Ok(judge(looks, report).then_some((-looks[0].at_us * 1e-6, looks[0].u95_us() * 1e-6)))
+    judge(looks, report)?;
+    Ok(Measured { skew_s: -looks[0].at_us * 1e-6, skew_u95_s: looks[0].u95_us() * 1e-6 })
 }
 
 /// Checks that both converters sample when they should.
-fn judge(looks: [Look; 2], report: &mut Report) -> bool {
+fn judge(looks: [Look; 2], report: &mut Report) -> Judged<()> {
     let [force, terminal] = looks.map(|look| look.at_us - LOOK_US);
     let [force_u95, terminal_u95] = looks.map(|look| look.u95_us());
     let [force_is_off, terminal_is_off] = [force, terminal].map(|off| off.abs() > NEAR_US);
@@ -187,12 +187,12 @@ fn judge(looks: [Look; 2], report: &mut Report) -> bool {
     };
     let expected = format!("{LOOK_US} us after the count, within {NEAR_US} us");
     let found = format!("force {:.2} us, terminal {:.2} us", looks[0].at_us, looks[1].at_us);
-    let timed = report.take(Check::new("timing", expected, found, cause));
+    report.take(Check::new("timing", expected, found, cause))?;
     let slow = looks.iter().any(|look| look.settling_us > SETTLING_US);
     let cause = slow
         .then_some("an output settles too slowly: disconnect everything but the jumpers from PA4, PA6, PA0 and PA1");
     let found = format!("{:.2} us and {:.2} us", looks[0].settling_us, looks[1].settling_us);
-    timed && report.take(Check::new("settling", format!("under {SETTLING_US} us"), found, cause))
+    report.take(Check::new("settling", format!("under {SETTLING_US} us"), found, cause))
 }
 
 #[cfg(test)]
@@ -233,7 +233,7 @@ mod tests {
     fn what_is_off_is_named() {
         let judged = |force: f64, terminal: f64| {
             let mut report = Report::default();
-            judge([force, terminal].map(|at_us| Look { at_us, settling_us: 0.2 }), &mut report);
+            judge([force, terminal].map(|at_us| Look { at_us, settling_us: 0.2 }), &mut report).ok();
             report.checks.iter().find_map(|check| check.cause.clone())
         };
         assert_eq!(judged(0.63, 0.7), None);
@@ -243,7 +243,7 @@ mod tests {
         );
         assert!(judged(0.63, 2.6).is_some_and(|cause| cause.contains("terminal's converter")));
         let mut report = Report::default();
-        assert!(!judge([Look { at_us: 0.63, settling_us: 3.0 }; 2], &mut report));
+        assert_eq!(judge([Look { at_us: 0.63, settling_us: 3.0 }; 2], &mut report), Err(None));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::align::{Aligned, ENTRIES, Line, align, positions};
 use crate::board::{Board, JumperError};
-use crate::check::{Check, Report};
+use crate::check::{Check, Judged, Report};
 use crate::recording::{Recording, record};
 use crate::tape::Tape;
 use inerter_core::RawSample;
@@ -70,30 +70,29 @@ const REPEATED: u32 = 3;
 const HEALTH_S: f64 = 1.2;
 const MOST_WAITS: u32 = 5;
 
-/// A tape's recording. `None` if no sample arrives, which is a failed check.
-pub fn played(outcome: Result<Recording, JumperError>, report: &mut Report) -> Result<Option<Recording>, JumperError> {
-    match outcome {
-        Err(JumperError::NoSamples | JumperError::Refused { why: Refusal::NoSamples, .. }) => {
-            report.take(Check::new("sampling", "samples", "none", Some(NOT_IN_STEP)));
-            Ok(None)
-        }
-        other => other.map(Some),
+/// A tape's recording. That no sample arrives is a failed check.
+pub fn played(outcome: Result<Recording, JumperError>, report: &mut Report) -> Judged<Recording> {
+    if let Err(JumperError::NoSamples | JumperError::Refused { why: Refusal::NoSamples, .. }) = outcome {
+        report.take(Check::new("sampling", "samples", "none", Some(NOT_IN_STEP)))?;
     }
+    outcome.map_err(Some)
 }
 
-/// Plays a tape, and optionally a burst; a recording without a fault, aligned by its counts. `None` after a failed
-/// check.
+/// Plays a tape, and optionally a burst; a recording without a fault, aligned by its counts. `judge` adds the checks
+/// to the report: all, or those that failed.
 pub fn sound(
     board: &mut impl Board,
     tape: &Tape,
     phase_ticks: u16,
     burst: Option<(u16, u16)>,
+    judge: fn(&mut Report, Check) -> Judged<()>,
     report: &mut Report,
-) -> Result<Option<(Recording, Aligned)>, JumperError> {
-    let Some(recording) = played(record(board, tape, phase_ticks, burst), report)? else { return Ok(None) };
+) -> Judged<(Recording, Aligned)> {
+    let recording = played(record(board, tape, phase_ticks, burst), report)?;
     let (check, aligned) = encoder(tape, &recording);
-    let holds = report.holds(sampled(board, tape, &recording, check.passed())?) && report.holds(check);
-    Ok(aligned.filter(|_| holds).map(|aligned| (recording, aligned)))
+    judge(report, sampled(board, tape, &recording, check.passed())?)?;
+    judge(report, check)?;
+    aligned.map(|aligned| (recording, aligned)).ok_or(None)
 }
 
 /// Checks that the board lost nothing; done for any recording before it is evaluated. `is_credible` means that the
@@ -156,7 +155,7 @@ fn sampling(recording: &Recording, overruns: u32) -> Check {
 }
 
 /// Checks that each edge that is played is counted, in its direction.
-pub fn encoder(tape: &Tape, recording: &Recording) -> (Check, Option<Aligned>) {
+fn encoder(tape: &Tape, recording: &Recording) -> (Check, Option<Aligned>) {
     const NAME: &str = "encoder wires";
     let expected = "1 count for each edge, upwards";
     let Some(aligned) = align(tape, recording) else {
@@ -221,14 +220,14 @@ const TERMINAL: Channel = Channel {
 };
 
 impl Channel {
-    /// Its line over its own output, after its checks; `None` if one fails.
+    /// Its line over its own output, and its noise, after its checks.
     fn judge(
         &self,
         (levels, own, other): (&Levels, &[Level], &[Level]),
         recording: &Recording,
         aligned: &Aligned,
         report: &mut Report,
-    ) -> Option<(Line, f64)> {
+    ) -> Judged<(Line, f64)> {
         let by = |of: &[Level]| {
             Line::fit(of.iter().map(|(code, knots)| (f64::from(*code), held(recording, aligned, knots, self.code).0)))
         };
@@ -240,9 +239,7 @@ impl Channel {
             _ => Some(format!("the wire {} also leads elsewhere", self.pins)),
         };
         let found = format!("{:.3} of its own output, {:.3} of the other", own.slope, other.slope);
-        if !report.take(Check::new(self.wire, "follows its own output alone", found, cause)) {
-            return None;
-        }
+        report.take(Check::new(self.wire, "follows its own output alone", found, cause))?;
         let good = GAIN.contains(&own.slope) && own.offset.abs() < OFFSET && own.worst < STRAIGHT;
         let cause = (!good).then(|| {
             format!(
@@ -252,17 +249,15 @@ impl Channel {
         });
         let expected = format!("{} to {}, offset under {OFFSET}, linear to {STRAIGHT} codes", GAIN.start, GAIN.end);
         let found = format!("{:.4}, offset {:.1}, linear to {:.1} codes", own.slope, own.offset, own.worst);
-        if !report.take(Check::new(self.gain, expected, found, cause)) {
-            return None;
-        }
+        report.take(Check::new(self.gain, expected, found, cause))?;
         // Of one conversion: a sample is the mean of many here.
         let noise = held(recording, aligned, &levels.quiet, self.code).1 * (ENTRIES as f64).sqrt();
-        Some((own, noise))
+        Ok((own, noise))
     }
 }
 
-/// The chain, after all checks of this tape; `None` if one fails.
-pub fn chain(levels: &Levels, recording: &Recording, aligned: &Aligned, report: &mut Report) -> Option<Chain> {
+/// The chain, after all checks of this tape.
+pub fn chain(levels: &Levels, recording: &Recording, aligned: &Aligned, report: &mut Report) -> Judged<Chain> {
     let force = FORCE.judge((levels, &levels.force, &levels.terminal), recording, aligned, report)?;
     let terminal = TERMINAL.judge((levels, &levels.terminal, &levels.force), recording, aligned, report)?;
     let noise = [force.1, terminal.1];
@@ -275,8 +270,8 @@ pub fn chain(levels: &Levels, recording: &Recording, aligned: &Aligned, report: 
         [true, false] => Some("noise on the terminal's wire: shorten it, and keep it away from the encoder's"),
     };
     let found = format!("force {:.2}, terminal {:.2} codes rms", noise[0], noise[1]);
-    let check = Check::new("noise", format!("under {NOISE} codes rms"), found, cause);
-    report.take(check).then_some(Chain { force: force.0, terminal: terminal.0 })
+    report.take(Check::new("noise", format!("under {NOISE} codes rms"), found, cause))?;
+    Ok(Chain { force: force.0, terminal: terminal.0 })
 }
 
 #[cfg(test)]
@@ -356,13 +351,13 @@ mod tests {
         let refused = JumperError::Refused { doing: "play", why: Refusal::NoSamples };
         for error in [JumperError::NoSamples, refused] {
             let mut report = Report::default();
-            assert!(played(Err(error), &mut report).unwrap().is_none());
+            assert_eq!(played(Err(error), &mut report).map(|_| ()), Err(None));
             assert_eq!(report.checks.len(), 1);
             assert!(report.checks.iter().all(|check| check.name == "sampling" && !check.passed()));
         }
         let mut report = Report::default();
         let late = JumperError::TooLate(1);
-        assert_eq!(played(Err(late.clone()), &mut report).map(|_| ()), Err(late));
+        assert_eq!(played(Err(late.clone()), &mut report).map(|_| ()), Err(Some(late)));
         assert!(report.checks.is_empty());
     }
 }

@@ -123,19 +123,14 @@ pub struct Segment {
     end: f64,
     x1: [f64; 6],
     x2: Polynomial,
-    stiffness_n_per_m: f64,
-    damping_n_s_per_m: f64,
     /// `x1 - x2` at which the spring is relaxed \[m\].
     relaxed_m: f64,
-    structure_mass_kg: f64,
-    constant_force_n: f64,
     /// Dry friction as a polynomial while the screw moves; only the first coefficient for Coulomb friction.
     friction: Polynomial,
     is_curved: bool,
     motion: Motion,
     contact: Flank,
-    /// The screw never sticks: rest means zero velocity.
-    never_sticks: bool,
+    device: Inerter,
 }
 
 impl Segment {
@@ -173,14 +168,15 @@ impl Segment {
         let h = self.unit_s;
         let v2 = slope(&self.x2, u) / h;
         let motion = match self.motion {
-            moves if !self.never_sticks => moves,
+            moves if self.device.sticks() => moves,
+            // Rest means zero velocity.
             Motion::Forward | Motion::Backward if v2 > 0.0 => Motion::Forward,
             Motion::Forward | Motion::Backward if v2 < 0.0 => Motion::Backward,
             _ => Motion::Stuck,
         };
         let force_n = self.force_n(u);
         let friction_n = match self.motion {
-            Motion::Stuck => force_n + self.constant_force_n,
+            Motion::Stuck => force_n + self.device.constant_force_n,
             _ if self.is_curved => value(&self.friction, u),
             _ => self.friction[0],
         };
@@ -202,7 +198,7 @@ impl Segment {
     /// Force on the load cell at `t_s`: contact and structure mass \[N\].
     pub(crate) fn cell_at_n(&self, t_s: f64) -> f64 {
         let u = self.unit_at(t_s);
-        self.force_n(u) + self.structure_mass_kg * (curvature(&self.x1, u) / (self.unit_s * self.unit_s))
+        self.force_n(u) + self.device.structure_mass_kg * (curvature(&self.x1, u) / (self.unit_s * self.unit_s))
     }
 
     /// Terminal displacement at `t_s` \[m\].
@@ -221,7 +217,7 @@ impl Segment {
         }
         let stretch = value(&self.x1, u) - value(&self.x2, u) - self.relaxed_m;
         let rate = (slope(&self.x1, u) - slope(&self.x2, u)) / self.unit_s;
-        self.stiffness_n_per_m * stretch + self.damping_n_s_per_m * rate
+        self.device.stiffness_n_per_m * stretch + self.device.contact_damping_n_s_per_m * rate
     }
 }
 
@@ -495,16 +491,12 @@ impl Plant {
             end: 1.0,
             x1,
             x2,
-            stiffness_n_per_m: ks,
-            damping_n_s_per_m: cs,
             relaxed_m,
-            structure_mass_kg: p.structure_mass_kg,
-            constant_force_n: p.constant_force_n,
             friction,
             is_curved,
             motion: self.motion,
             contact: self.contact,
-            never_sticks: !p.has_directions() || p.presslides(),
+            device: *p,
         }
     }
 
@@ -555,7 +547,7 @@ impl Plant {
         let p = &self.device;
         let half_backlash = 0.5 * p.backlash_m;
         let force = if self.motion == Motion::Stuck || p.unilateral > 0.0 {
-            force_polynomial(segment, segment.stiffness_n_per_m, segment.damping_n_s_per_m, segment.relaxed_m)
+            force_polynomial(segment, segment.relaxed_m)
         } else {
             [0.0; LENGTH]
         };
@@ -586,10 +578,7 @@ impl Plant {
                 room[0] += half_backlash;
                 room
             };
-            let would_push = |side: f64| {
-                let (ks, cs) = (p.stiffness_n_per_m, p.contact_damping_n_s_per_m);
-                force_polynomial(segment, ks, cs, side * half_backlash).map(|c| -side * c)
-            };
+            let would_push = |side: f64| force_polynomial(segment, side * half_backlash).map(|c| -side * c);
             match self.contact {
                 Flank::Flight if self.squeezed != 0.0 => {
                     let flank = if self.squeezed > 0.0 { Flank::Positive } else { Flank::Negative };
@@ -704,10 +693,10 @@ fn apart(segment: &Segment) -> Polynomial {
     d
 }
 
-/// Contact force of a spring and damper over a segment, whose unit is the segment's.
-fn force_polynomial(segment: &Segment, ks: f64, cs: f64, relaxed_m: f64) -> Polynomial {
-    let d = apart(segment);
-    let damping = cs / segment.unit_s;
+/// Contact force over a segment, whose unit is the segment's, of flanks that touch.
+fn force_polynomial(segment: &Segment, relaxed_m: f64) -> Polynomial {
+    let (d, ks) = (apart(segment), segment.device.stiffness_n_per_m);
+    let damping = segment.device.contact_damping_n_s_per_m / segment.unit_s;
     let mut force = [0.0; LENGTH];
     for (k, slot) in force.iter_mut().enumerate() {
         let next = d.get(k + 1).copied().unwrap_or(0.0);

@@ -127,7 +127,7 @@ impl Shape {
     fn highest_rad_per_s(&self, duration_s: f64) -> f64 {
         match self {
             Self::Hold => 0.0,
-            Self::Table(table) => PI / table.period_s(),
+            Self::Table(table) => PI / table.period_s,
             Self::Tones(tones) => tones.iter().fold(0.0, |top, tone| f64::max(top, TAU * tone.frequency_hz)),
             Self::Chirp { low_rad_per_s, growth_per_s, .. } => low_rad_per_s * (growth_per_s * duration_s).exp(),
             Self::Moves(moves) => moves.highest_rad_per_s(),
@@ -401,7 +401,7 @@ impl Excitation {
     /// highest frequency, a hundredth of the shortest ramp; for a table the time between its points.
     pub(crate) fn longest_step_s(&self) -> f64 {
         let longest_s = |segment: &Segment| match &segment.shape {
-            Shape::Table(table) => table.period_s(),
+            Shape::Table(table) => table.period_s,
             shape => {
                 let highest_hz = shape.highest_rad_per_s(segment.duration_s) / TAU;
                 (0.1 / (TAU * highest_hz)).min(0.01 * segment.ramp_length_s())

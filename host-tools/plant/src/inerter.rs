@@ -5,7 +5,7 @@
 //! Wit, "A survey of models, analysis tools and compensation methods for the control of machines with friction",
 //! Automatica 30 (1994), sections 2.1 (Stribeck, with a Gaussian) and 2.2 (Dahl).
 
-use std::{collections::BTreeMap, f64::consts::PI};
+use std::collections::BTreeMap;
 
 use crate::PlantError;
 use crate::table::field_table;
@@ -13,59 +13,43 @@ use crate::table::field_table;
 /// Fastest rate of a device that can be simulated \[rad/s\]: beyond it a simulated second takes a million steps.
 const FASTEST_RAD_PER_S: f64 = 1e5;
 
+field_table! {
 /// The device's physical constants, referred to the terminal.
-#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inerter {
     /// Effective inertance `mt`: everything that rotates with the screw \[kg\].
-    pub inertance_kg: f64,
+    inertance_kg, "kg", 299.4906, 1e-9, 1e7, Real, "Effective inertance";
     /// Viscous friction `cf` on the screw, the mean of both directions \[N s/m\].
-    pub viscous_n_s_per_m: f64,
+    viscous_n_s_per_m, "N s/m", 31.4, 0.0, 1e7, Real, "Viscous friction on the screw";
     /// Coulomb friction `fc` on the screw in fast sliding, the mean of both directions \[N\].
-    pub coulomb_n: f64,
+    coulomb_n, "N", 50.0, 0.0, 1e6, Real, "Coulomb friction on the screw";
     /// Contact stiffness `ks` between terminal and screw \[N/m\].
-    pub stiffness_n_per_m: f64,
+    stiffness_n_per_m, "N/m", 2.1e6, 1e-6, 1e12, Real, "Contact stiffness between terminal and screw";
     /// Contact damping `cs` between terminal and screw \[N s/m\].
-    pub contact_damping_n_s_per_m: f64,
+    contact_damping_n_s_per_m, "N s/m", 1200.0, 0.0, 1e9, Real, "Contact damping between terminal and screw";
     /// Total backlash `eps`: play between one flank and the other \[m\].
-    pub backlash_m: f64,
+    backlash_m, "m", 0.0, 0.0, 1.0, Real, "Total backlash between the flanks";
     /// Structure mass `mr` attached to the measured terminal in parallel with the screw \[kg\].
-    pub structure_mass_kg: f64,
+    structure_mass_kg, "kg", 1.515, 0.0, 1e4, Real, "Mass on the measured terminal in addition to the screw";
     /// Relative excess of the forward Coulomb friction over the mean of both directions; backward it is less by the
     /// same.
-    pub coulomb_asymmetry: f64,
-    /// The same for viscous friction.
-    pub viscous_asymmetry: f64,
-    /// Static friction relative to that of fast sliding; 1 means Coulomb friction.
-    pub stribeck_ratio: f64,
-    /// Velocity at which the excess (Stribeck) has fallen to `1/e` \[m/s\].
-    pub stribeck_velocity_m_per_s: f64,
-    /// Travel over which friction approaches its sliding level by a factor of `1 - 1/e`; 0 means at once \[m\].
-    pub presliding_m: f64,
-    /// 1 if the flanks can only push.
-    pub unilateral: f64,
-    /// Force on the screw in addition to the contact's, e.g. a weight; positive pushes forward \[N\].
-    pub constant_force_n: f64,
-}
-
-field_table! { Inerter {
-    inertance_kg, "kg", 299.4906, 1e-9, 1e7, Real, "Effective inertance";
-    viscous_n_s_per_m, "N s/m", 31.4, 0.0, 1e7, Real, "Viscous friction on the screw";
-    coulomb_n, "N", 50.0, 0.0, 1e6, Real, "Coulomb friction on the screw";
-    stiffness_n_per_m, "N/m", 2.1e6, 1e-6, 1e12, Real, "Contact stiffness between terminal and screw";
-    contact_damping_n_s_per_m, "N s/m", 1200.0, 0.0, 1e9, Real, "Contact damping between terminal and screw";
-    backlash_m, "m", 0.0, 0.0, 1.0, Real, "Total backlash between the flanks";
-    structure_mass_kg, "kg", 1.515, 0.0, 1e4, Real, "Mass on the measured terminal in addition to the screw";
     coulomb_asymmetry, "", 0.0, -1.0, 1.0, Real, "Fraction by which Coulomb friction is greater forward and less backward";
+    /// The same for viscous friction.
     viscous_asymmetry, "", 0.0, -1.0, 1.0, Real, "Fraction by which viscous friction is greater forward and less backward";
+    /// Static friction relative to that of fast sliding; 1 means Coulomb friction.
     stribeck_ratio, "", 1.0, 1.0, 10.0, Real, "Friction at rest over that of fast sliding";
+    /// Velocity at which the excess (Stribeck) has fallen to `1/e` \[m/s\].
     stribeck_velocity_m_per_s, "m/s", 0.002, 1e-6, 1e3, Real, "Velocity at which the excess at rest has fallen to 1/e";
+    /// Travel over which friction approaches its sliding level by a factor of `1 - 1/e`; 0 means at once \[m\].
     presliding_m, "m", 0.0, 0.0, 1.0, Real, "Travel over which friction reverses by 1 - 1/e; 0 reverses at once";
+    /// 1 if the flanks can only push.
     unilateral, "", 0.0, 0.0, 1.0, Whole, "1 if the flanks can only push";
+    /// Force on the screw in addition to the contact's, e.g. a weight; positive pushes forward \[N\].
     constant_force_n, "N", 0.0, -1e6, 1e6, Real, "Force on the screw, e.g. a weight; positive pushes forward";
 } }
 
 impl Inerter {
-    /// The paper's device. Its Coulomb friction is missing from our copy of the paper: 50 N is our choice.
+    /// The paper's device: 0.738 kg of flywheel, 4.5158 leads in radius, act as 297.0673 kg, other rotating parts add
+    /// 2.4233 kg. Its Coulomb friction is missing from our copy of the paper: 50 N is our choice.
     pub const fn paper() -> Self {
         Self::DEFAULT
     }
@@ -172,6 +156,11 @@ impl Inerter {
         self.coulomb_n > 0.0 || (self.viscous_asymmetry != 0.0 && self.viscous_n_s_per_m > 0.0)
     }
 
+    /// Whether friction can hold the screw at rest.
+    pub(crate) fn sticks(&self) -> bool {
+        self.has_directions() && !self.presslides()
+    }
+
     /// Whether the flanks always touch.
     pub(crate) fn is_closed(&self) -> bool {
         self.backlash_m == 0.0 && self.unilateral == 0.0
@@ -190,67 +179,9 @@ impl Inerter {
     }
 }
 
-/// The screw and its flywheel, from which the ideal inertance follows.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ScrewGeometry {
-    /// Travel per turn \[m\].
-    pub lead_m: f64,
-    /// Pitch diameter `D` of the screw \[m\].
-    pub pitch_diameter_m: f64,
-    /// Mass of the flywheel \[kg\].
-    pub flywheel_mass_kg: f64,
-    /// Radius of the flywheel, a solid cylinder \[m\].
-    pub flywheel_radius_m: f64,
-    /// Inertance of the other rotating parts (screw, bearing ring) \[kg\].
-    pub other_inertance_kg: f64,
-}
-
-impl ScrewGeometry {
-    /// The paper's device: 0.738 kg of flywheel act as 297.0673 kg, other rotating parts add 2.4233 kg.
-    ///
-    /// The text gives no dimension, only this ratio, from which the flywheel's radius is 4.5158 leads. A lead of 10 mm
-    /// and a pitch diameter of 12 mm are our choice.
-    pub fn paper() -> Self {
-        let (lead_m, flywheel_mass_kg, ideal_kg) = (0.010, 0.738, 297.0673);
-        let flywheel_radius_m = lead_m / PI * f64::sqrt(ideal_kg / flywheel_mass_kg / 2.0);
-        Self { lead_m, pitch_diameter_m: 0.012, flywheel_mass_kg, flywheel_radius_m, other_inertance_kg: 2.4233 }
-    }
-
-    /// Helix angle `alpha`, from `lead = pi D tan(alpha)` \[rad\].
-    pub fn helix_angle_rad(&self) -> f64 {
-        (self.lead_m / (PI * self.pitch_diameter_m)).atan()
-    }
-
-    /// Mass magnification of the flywheel: `b = 2 r^2 / (D^2 tan(alpha)^2)`.
-    pub fn magnification(&self) -> f64 {
-        let d_tan_alpha = self.pitch_diameter_m * self.helix_angle_rad().tan();
-        2.0 * self.flywheel_radius_m.powi(2) / d_tan_alpha.powi(2)
-    }
-
-    /// Ideal inertance of the flywheel alone: `b m` \[kg\].
-    pub fn ideal_inertance_kg(&self) -> f64 {
-        self.magnification() * self.flywheel_mass_kg
-    }
-
-    /// Effective inertance `mt` including the other rotating parts \[kg\].
-    pub fn inertance_kg(&self) -> f64 {
-        self.ideal_inertance_kg() + self.other_inertance_kg
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_papers_inertance_follows_from_its_geometry() {
-        let screw = ScrewGeometry::paper();
-        let inertia = screw.flywheel_mass_kg * screw.flywheel_radius_m.powi(2) / 2.0;
-        let by_energy = inertia * (2.0 * PI / screw.lead_m).powi(2);
-        assert!((screw.ideal_inertance_kg() - 297.0673).abs() < 1e-9);
-        assert!((by_energy - 297.0673).abs() < 1e-9);
-        assert!((screw.inertance_kg() - Inerter::paper().inertance_kg).abs() < 1e-9);
-    }
 
     #[test]
     fn presets_are_valid() {

@@ -35,7 +35,7 @@ mod table;
 pub use dynamics::{Flank, Motion, Plant, Segment, Truth};
 pub use error::PlantError;
 pub use excitation::{Excitation, Moves, Point, Tone};
-pub use inerter::{Inerter, ScrewGeometry};
+pub use inerter::Inerter;
 pub use sensors::Sensors;
 pub use simulation::{Hands, Sample, Simulation};
 pub use table::{FieldInfo, FieldKind};

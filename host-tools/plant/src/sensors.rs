@@ -14,87 +14,60 @@ use std::f64::consts::{PI, TAU};
 use crate::PlantError;
 use crate::table::field_table;
 
+field_table! {
 /// Settings of the instruments, and the seed of their noise.
-#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensors {
     /// Samples per second \[Hz\].
-    pub sample_rate_hz: f64,
-    /// Sub-samples summed into one sample of position and force.
-    pub oversampling: f64,
-    /// Displacement per encoder count; a negative value reverses the direction \[m\].
-    pub metres_per_count: f64,
-    /// Encoder phase at `x2 = 0`, as a fraction of a count.
-    pub encoder_phase_count: f64,
-    /// Amplitude of the encoder's once-per-revolution error \[m\].
-    pub encoder_eccentricity_m: f64,
-    /// Phase of that error at `x2 = 0` \[rad\].
-    pub encoder_eccentricity_phase_rad: f64,
-    /// Travel per revolution, for the once-per-revolution error \[m\].
-    pub lead_m: f64,
-    /// Force per code of one conversion; a negative value reverses the direction \[N\].
-    pub newtons_per_code: f64,
-    /// Code at zero force.
-    pub force_zero_code: f64,
-    /// Minimum code of the converter.
-    pub force_min_code: f64,
-    /// Maximum code of the converter.
-    pub force_max_code: f64,
-    /// Gain of the load cell.
-    pub force_gain: f64,
-    /// Offset of the load cell \[N\].
-    pub force_offset_n: f64,
-    /// Drift of the offset \[N/s\].
-    pub force_drift_n_per_s: f64,
-    /// White noise of one sample, rms \[N\].
-    pub force_noise_n: f64,
-    /// Delay of the force relative to the position \[s\].
-    pub delay_s: f64,
-    /// Amplitude of mains pickup in the force \[N\].
-    pub pickup_n: f64,
-    /// Frequency of the mains \[Hz\].
-    pub pickup_hz: f64,
-    /// Peak force of a knock on the load cell \[N\].
-    pub knock_n: f64,
-    /// Its start \[s\].
-    pub knock_at_s: f64,
-    /// Its duration \[s\].
-    pub knock_s: f64,
-    /// Displacement per code of the terminal sensor; a negative value reverses the direction \[m\].
-    pub metres_per_terminal_code: f64,
-    /// White noise of the terminal sensor, rms \[m\].
-    pub terminal_noise_m: f64,
-    /// Probability that a sample is lost: its index is skipped.
-    pub lost_probability: f64,
-    /// Seed of noise and losses.
-    pub seed: u64,
-}
-
-field_table! { Sensors {
     sample_rate_hz, "Hz", 1000.0, 10.0, 64000.0, Real, "Samples per second";
+    /// Sub-samples summed into one sample of position and force.
     oversampling, "", 1.0, 1.0, 64.0, Whole, "Sub-samples summed into one sample";
+    /// Displacement per encoder count; a negative value reverses the direction \[m\].
     metres_per_count, "m", 2.44140625e-6, -1e-1, 1e-1, Real, "Displacement per encoder count";
+    /// Encoder phase at `x2 = 0`, as a fraction of a count.
     encoder_phase_count, "", 0.0, -1e6, 1e6, Real, "Encoder position within a count at the start";
+    /// Amplitude of the encoder's once-per-revolution error \[m\].
     encoder_eccentricity_m, "m", 0.0, 0.0, 1e-1, Real, "Amplitude of the once-per-turn error";
+    /// Phase of that error at `x2 = 0` \[rad\].
     encoder_eccentricity_phase_rad, "rad", 0.0, -10.0, 10.0, Real, "Phase of the once-per-turn error";
+    /// Travel per revolution, for the once-per-revolution error \[m\].
     lead_m, "m", 0.010, 1e-5, 1e2, Real, "Travel per turn";
+    /// Force per code of one conversion; a negative value reverses the direction \[N\].
     newtons_per_code, "N", 0.002, -1e3, 1e3, Real, "Force per code";
+    /// Code at zero force.
     force_zero_code, "", 0.0, -8388608.0, 8388607.0, Whole, "Code at no force";
+    /// Minimum code of the converter.
     force_min_code, "", -8388608.0, -8388608.0, 8388607.0, Whole, "Lowest code of the converter";
+    /// Maximum code of the converter.
     force_max_code, "", 8388607.0, -8388608.0, 8388607.0, Whole, "Highest code of the converter";
+    /// Gain of the load cell.
     force_gain, "", 1.0, 1e-3, 1e3, Real, "Gain of the load cell";
+    /// Offset of the load cell \[N\].
     force_offset_n, "N", 0.0, -1e5, 1e5, Real, "Offset of the load cell";
+    /// Drift of the offset \[N/s\].
     force_drift_n_per_s, "N/s", 0.0, -1e3, 1e3, Real, "Drift of the offset";
+    /// White noise of one sample, rms \[N\].
     force_noise_n, "N", 0.0, 0.0, 1e4, Real, "White noise of one sample, rms";
+    /// Delay of the force relative to the position \[s\].
     delay_s, "s", 0.0, -0.1, 0.1, Real, "Delay of the force behind the position";
+    /// Amplitude of mains pickup in the force \[N\].
     pickup_n, "N", 0.0, 0.0, 1e4, Real, "Amplitude of the mains in the force";
+    /// Frequency of the mains \[Hz\].
     pickup_hz, "Hz", 50.0, 1.0, 1e4, Real, "Frequency of the mains";
+    /// Peak force of a knock on the load cell \[N\].
     knock_n, "N", 0.0, -1e6, 1e6, Real, "Height of a knock on the load cell";
+    /// Its start \[s\].
     knock_at_s, "s", 5.0, 0.0, 1e9, Real, "Start of the knock";
+    /// Its duration \[s\].
     knock_s, "s", 0.004, 1e-5, 10.0, Real, "Length of the knock, half a sine";
+    /// Displacement per code of the terminal sensor; a negative value reverses the direction \[m\].
     metres_per_terminal_code, "m", 1e-7, -1e-1, 1e-1, Real, "Displacement per code of the terminal sensor";
+    /// White noise of the terminal sensor, rms \[m\].
     terminal_noise_m, "m", 0.0, 0.0, 1e-1, Real, "White noise of the terminal sensor, rms";
+    /// Probability that a sample is lost: its index is skipped.
     lost_probability, "", 0.0, 0.0, 0.99, Real, "Probability that a sample is lost";
-} seed: 0 }
+}
+/// Seed of noise and losses.
+seed: u64 = 0 }
 
 /// The rig of the accuracy grid, without noise: 1 kHz, 2.44 um per count (4096 counts on a 10 mm lead), 2 mN per code.
 impl Default for Sensors {
@@ -146,7 +119,7 @@ impl Sensors {
     }
 
     /// Code of one conversion of a force that already includes its noise, and whether the converter was at a limit.
-    pub(crate) fn code(&self, cell_n: f64, t_s: f64, noise_n: f64) -> (i32, Limit) {
+    pub(crate) fn code(&self, cell_n: f64, t_s: f64, noise_n: f64) -> (i32, bool) {
         let mut measured = self.force_gain * cell_n + self.force_offset_n + self.force_drift_n_per_s * t_s + noise_n;
         if self.pickup_n != 0.0 {
             measured += self.pickup_n * (TAU * self.pickup_hz * t_s).sin();
@@ -155,28 +128,15 @@ impl Sensors {
         if self.knock_n != 0.0 && (0.0..self.knock_s).contains(&since_knock_s) {
             measured += self.knock_n * (PI * since_knock_s / self.knock_s).sin();
         }
-        let code = (measured / self.newtons_per_code + self.force_zero_code).round();
-        if code <= self.force_min_code {
-            (self.force_min_code as i32, Limit::Low)
-        } else if code >= self.force_max_code {
-            (self.force_max_code as i32, Limit::High)
-        } else {
-            (code as i32, Limit::Within)
-        }
+        let (least, greatest) = (self.force_min_code, self.force_max_code);
+        let code = (measured / self.newtons_per_code + self.force_zero_code).round().clamp(least, greatest);
+        (code as i32, code == least || code == greatest)
     }
 
     /// Code of the terminal sensor.
     pub(crate) fn terminal_code(&self, x1_m: f64, noise_m: f64) -> i32 {
         ((x1_m + noise_m) / self.metres_per_terminal_code).round() as i32
     }
-}
-
-/// Whether a conversion was at one of the converter's limits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Limit {
-    Within,
-    Low,
-    High,
 }
 
 #[cfg(test)]
@@ -220,8 +180,8 @@ mod tests {
             force_drift_n_per_s: 0.5,
             ..Sensors::default()
         };
-        assert_eq!(sensors.code(10.0, 4.0, 1.0), (2048 + 52, Limit::Within));
-        assert_eq!(sensors.code(1e6, 0.0, 0.0), (4095, Limit::High));
-        assert_eq!(sensors.code(-1e6, 0.0, 0.0), (0, Limit::Low));
+        assert_eq!(sensors.code(10.0, 4.0, 1.0), (2048 + 52, false));
+        assert_eq!(sensors.code(1e6, 0.0, 0.0), (4095, true));
+        assert_eq!(sensors.code(-1e6, 0.0, 0.0), (0, true));
     }
 }

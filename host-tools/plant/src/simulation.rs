@@ -6,7 +6,6 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::sensors::Limit;
 use crate::{Excitation, Inerter, Plant, PlantError, Segment, Sensors, Truth};
 
 /// One sample.
@@ -56,7 +55,8 @@ pub struct Simulation {
     number: u64,
     /// The sample since which rate and plant have been the same.
     since: Since,
-    hands: Hands,
+    /// Load and displacement by hand, from the next sample on.
+    pub hands: Hands,
     force_noise: ChaCha8Rng,
     terminal_noise: ChaCha8Rng,
     losses: ChaCha8Rng,
@@ -98,11 +98,6 @@ impl Simulation {
     /// The device and its solver.
     pub fn plant(&self) -> &Plant {
         &self.plant
-    }
-
-    /// Sets load and displacement by hand, from the next sample on.
-    pub fn handle(&mut self, hands: Hands) {
-        self.hands = hands;
     }
 
     /// Switches to another plant at its time zero, from the next sample on; the instruments continue.
@@ -170,7 +165,7 @@ impl Simulation {
         self.cover(start_s - sensors.delay_s.max(0.0), last_s - sensors.delay_s.min(0.0));
 
         let noise_n = sensors.force_noise_n * f64::from(count).sqrt();
-        let (mut position, mut force, mut limit) = (0i64, 0i32, Limit::Within);
+        let (mut position, mut force, mut limit) = (0i64, 0i32, None);
         for k in 0..count {
             let now_s = start_s + f64::from(k) * spacing_s;
             let x2_m = self.hands.moved_m + self.segment(now_s).map_or(0.0, |segment| segment.x2_at_m(now_s));
@@ -179,18 +174,14 @@ impl Simulation {
             let then_s = now_s - sensors.delay_s;
             let cell_n = self.hands.load_n + self.segment(then_s).map_or(0.0, |segment| segment.cell_at_n(then_s));
             let noise = noise(noise_n, &mut self.force_noise);
-            let (code, at) = sensors.code(cell_n, begun_s + now_s, noise);
+            let (code, is_at_limit) = sensors.code(cell_n, begun_s + now_s, noise);
             // At most 64 codes of 24 bits: the sum fits.
             force += code;
-            if at != Limit::Within {
-                limit = at;
+            if is_at_limit {
+                limit = Some(code);
             }
         }
-        let force_code = match limit {
-            Limit::Within => force,
-            Limit::Low => sensors.force_min_code as i32 * count as i32,
-            Limit::High => sensors.force_max_code as i32 * count as i32,
-        };
+        let force_code = limit.map_or(force, |code| code * count as i32);
         let truth = self.segment(t_s).map_or_else(|| self.plant.rest_at(t_s), |segment| segment.at(t_s));
         let noise_m = noise(sensors.terminal_noise_m, &mut self.terminal_noise);
         let x1_m = self.hands.moved_m + self.segment(t_s).map_or(0.0, |segment| segment.x1_at_m(t_s));
@@ -239,7 +230,7 @@ mod tests {
         let rest = || Plant::new(Inerter::paper(), Excitation::hold());
         let mut simulation = Simulation::of(rest().unwrap(), sensors).unwrap();
         let before = simulation.next().unwrap();
-        simulation.handle(Hands { load_n: 20.0, moved_m: -3e-3 });
+        simulation.hands = Hands { load_n: 20.0, moved_m: -3e-3 };
         let after = simulation.next().unwrap();
         assert_eq!((before.force_code, before.position_count), (0, 0));
         assert_eq!((after.force_code, after.position_count), (2020, -3000));

@@ -1,4 +1,4 @@
-//! One table per set of fields: name, unit, default, range and help are written once.
+//! One table per set of fields: each field with its unit, default, range and help is written once.
 
 use crate::PlantError;
 
@@ -52,10 +52,19 @@ pub(crate) fn check(field: &'static str, value: f64, (min, max): (f64, f64)) -> 
     Ok(())
 }
 
-/// Implements the table and access by name for a struct of `f64` fields.
+/// A struct of `f64` fields, and one other, with its table and access by name.
 macro_rules! field_table {
-    ($type:ident { $($name:ident, $unit:literal, $default:expr, $min:expr, $max:expr, $kind:ident, $help:literal;)+ }
-      $($other:ident: $value:expr)?) => {
+    ($(#[$about:meta])* pub struct $type:ident {
+        $($(#[$text:meta])*
+          $name:ident, $unit:literal, $default:expr, $min:expr, $max:expr, $kind:ident, $help:literal;)+
+    } $($(#[$other_text:meta])* $other:ident: $other_type:ty = $value:expr)?) => {
+        $(#[$about])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct $type {
+            $($(#[$text])* pub $name: f64,)+
+            $($(#[$other_text])* pub $other: $other_type,)?
+        }
+
         impl $type {
             const DEFAULT: Self = Self { $($name: $default,)+ $($other: $value)? };
 

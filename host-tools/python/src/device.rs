@@ -55,7 +55,6 @@ enum Look {
 
 /// Connects to a device by its port, its TCP address or its serial number, or to the only one that is plugged in.
 #[pyfunction]
-#[pyo3(signature = (port, address, serial, baud, wait_s))]
 pub fn connect(
     py: Python<'_>,
     port: Option<String>,
@@ -161,19 +160,16 @@ impl Device {
             conversation.waiting.clear();
             Ok(look)
         };
-        let ended = loop {
-            if started.elapsed() >= duration {
-                break Ok(());
+        let mut listen = || -> PyResult<()> {
+            while started.elapsed() < duration {
+                if let Look::End = py.detach(|| self.with(&mut take))? {
+                    break;
+                }
+                py.check_signals()?;
             }
-            match py.detach(|| self.with(&mut take)) {
-                Ok(Look::End) => break Ok(()),
-                Ok(Look::Estimate(_) | Look::Nothing) => {}
-                Err(failure) => break Err(failure.into()),
-            }
-            if let Err(interrupt) = py.check_signals() {
-                break Err(interrupt);
-            }
+            Ok(())
         };
+        let ended = listen();
         let reason = ended.as_ref().err().map_or_else(|| "finished".to_string(), ToString::to_string);
         let lost_frames = self.with(|conversation| Ok(conversation.live.lost_frames())).unwrap_or(0);
         let closed = py.detach(|| recorder.close(&End { reason, lost_frames }));

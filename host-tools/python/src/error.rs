@@ -1,20 +1,6 @@
 //! Everything that may fail, as one exception with the command line's error code and help.
 
-use inerter_analysis::{
-    calibrate::CalibrateError, compare::CompareError, fit::FitError, identify::IdentifyError, merge::MergeError,
-    plan::PlanError,
-};
-use inerter_data::{
-    csv::{ColumnsError, CsvError},
-    limits::LimitsError,
-    output::OutputError,
-    settings::SettingsInputError,
-    words::printable,
-};
-use inerter_device::DeviceError;
-use inerter_simulate::SimulateError;
-use inerter_store::StoreError;
-use inerter_view::page::PageError;
+use inerter_data::words::printable;
 use miette::Diagnostic;
 use pyo3::{create_exception, exceptions::PyException, prelude::*};
 
@@ -39,66 +25,31 @@ pub enum Failure {
     Stopped,
 }
 
-macro_rules! ours {
-    ($($error:ty),*) => {$(
-        impl From<$error> for Failure {
-            fn from(error: $error) -> Self {
-                Self::Ours(Box::new(error))
-            }
-        }
-    )*};
-}
-
-ours!(
-    inerter_data::Error,
-    CsvError,
-    ColumnsError,
-    SettingsInputError,
-    OutputError,
-    DeviceError,
-    CalibrateError,
-    CompareError,
-    FitError,
-    IdentifyError,
-    LimitsError,
-    MergeError,
-    PlanError,
-    PageError,
-    SimulateError,
-    StoreError
-);
-
-impl From<PyErr> for Failure {
-    fn from(error: PyErr) -> Self {
-        Self::Python(error)
+impl<E: Diagnostic + Send + Sync + 'static> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self::Ours(Box::new(error))
     }
 }
 
 impl From<Failure> for PyErr {
     fn from(failure: Failure) -> Self {
-        Python::attach(|py| failure.raised(py))
-    }
-}
-
-impl Failure {
-    /// Converts to a Python exception.
-    fn raised(self, py: Python<'_>) -> PyErr {
-        let error = match self {
-            Self::Ours(error) => error,
-            Self::Python(error) => return error,
-            Self::Stopped => return InerterError::new_err("interrupted"),
+        let error = match failure {
+            Failure::Ours(error) => error,
+            Failure::Python(error) => return error,
+            Failure::Stopped => return InerterError::new_err("interrupted"),
         };
         let raised = InerterError::new_err(shown(&error.to_string()));
         let text = |part: Option<Box<dyn std::fmt::Display + '_>>| part.map(|part| shown(&part.to_string()));
-        let value = raised.value(py);
-        let described = value
-            .setattr("code", text(error.code()))
-            .and_then(|()| value.setattr("help", text(error.help())))
-            .and_then(|()| match text(error.help()) {
+        let described = Python::attach(|py| {
+            let value = raised.value(py);
+            value.setattr("code", text(error.code()))?;
+            value.setattr("help", text(error.help()))?;
+            match text(error.help()) {
                 // Python shows notes below the message.
                 Some(help) if value.hasattr("add_note")? => value.call_method1("add_note", (help,)).map(drop),
                 _ => Ok(()),
-            });
+            }
+        });
         described.err().unwrap_or(raised)
     }
 }

@@ -13,37 +13,25 @@ mod sums;
 mod table;
 mod watch;
 
-use pyo3::prelude::*;
-
 /// The module `inerter._inerter`.
-#[pymodule]
-fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    module.add("InerterError", module.py().get_type::<error::InerterError>())?;
-    module.add_class::<device::Device>()?;
-    module.add_class::<run::Run>()?;
-    module.add_class::<store::Store>()?;
-    module.add_class::<sums::Sums>()?;
-    module.add_class::<table::Table>()?;
-    macro_rules! add {
-        ($($room:ident::$function:ident,)+) => {$(module.add_function(wrap_pyfunction!($room::$function, module)?)?;)+};
-    }
-    add! {
-        device::connect,
-        run::open,
-        run::from_columns,
-        run::with_settings,
-        results::interval_text,
-        results::printable,
-        results::replay,
-        results::compare,
-        results::diagnose,
-        results::identify,
-        results::plan,
-        results::plot,
-        results::report,
+#[pyo3::pymodule]
+mod _inerter {
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use crate::{
+        device::{Device, connect},
+        error::InerterError,
+        results::{compare, diagnose, identify, interval_text, plan, plot, printable, replay, report},
+        run::{Run, from_columns, open, with_settings},
         simulate::simulate,
-        sums::merge,
+        store::Store,
+        sums::{Sums, merge},
+        table::Table,
+    };
+
+    #[pymodule_init]
+    fn add_version(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
-    Ok(())
 }

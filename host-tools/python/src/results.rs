@@ -60,13 +60,7 @@ pub fn printable(text: &Bound<'_, PyString>) -> String {
 
 /// The last line of `inerter replay --json`, and the sums.
 #[pyfunction]
-#[pyo3(signature = (run, limits, told = None))]
-pub fn replay(
-    py: Python<'_>,
-    run: &Run,
-    limits: Option<PathBuf>,
-    told: Option<&Bound<'_, PyAny>>,
-) -> PyResult<(String, Sums)> {
+pub fn replay(py: Python<'_>, run: &Run, limits: Option<PathBuf>, told: Option<Py<PyAny>>) -> PyResult<(String, Sums)> {
     let source = run.source.clone();
     watch(py, told, move |progress| {
         let limits = read(limits.as_deref(), source.settings.machine)?;
@@ -90,7 +84,6 @@ fn read(limits: Option<&Path>, machine: Machine) -> Result<Option<Limits>, Limit
 /// The line of `inerter compare --json`, the kind of its intervals, and the loops of its page, if there are any. The
 /// runs have these names. `path` is the page to write.
 #[pyfunction]
-#[pyo3(signature = (runs, is_one_rig, path, replace, limits, told = None))]
 pub fn compare(
     py: Python<'_>,
     runs: Vec<(Option<String>, PyRef<'_, Run>)>,
@@ -98,7 +91,7 @@ pub fn compare(
     path: Option<PathBuf>,
     replace: bool,
     limits: Option<PathBuf>,
-    told: Option<&Bound<'_, PyAny>>,
+    told: Option<Py<PyAny>>,
 ) -> PyResult<(String, Vec<String>, Option<Drawn>)> {
     let runs: Vec<(Option<String>, Run)> = runs.into_iter().map(|(name, run)| (name, (*run).clone())).collect();
     watch(py, told, move |progress| {
@@ -125,13 +118,12 @@ pub fn compare(
 
 /// The line of `inerter diagnose --json`, and the text for a person.
 #[pyfunction]
-#[pyo3(signature = (run, counts_per_turn = None, counts_per_line = None, told = None))]
 pub fn diagnose(
     py: Python<'_>,
     run: &Run,
     counts_per_turn: Option<f64>,
     counts_per_line: Option<f64>,
-    told: Option<&Bound<'_, PyAny>>,
+    told: Option<Py<PyAny>>,
 ) -> PyResult<(String, Vec<String>)> {
     at_least("counts_per_turn", counts_per_turn, LEAST_COUNTS)?;
     at_least("counts_per_line", counts_per_line, LEAST_COUNTS)?;
@@ -151,7 +143,6 @@ pub fn diagnose(
 
 /// The line of `inerter identify --json`.
 #[pyfunction]
-#[pyo3(signature = (runs, staged, segment_s, free_structure_mass, free_skew, profiles, told = None))]
 #[allow(clippy::too_many_arguments, reason = "the options of the command, by name in Python")]
 pub fn identify(
     py: Python<'_>,
@@ -161,7 +152,7 @@ pub fn identify(
     free_structure_mass: bool,
     free_skew: bool,
     profiles: bool,
-    told: Option<&Bound<'_, PyAny>>,
+    told: Option<Py<PyAny>>,
 ) -> PyResult<String> {
     at_least("segment_s", segment_s, LEAST_SEGMENT_S)?;
     let options = Options { staged, segment_s, free_structure_mass, free_skew, excite: None, no_profiles: !profiles };
@@ -187,18 +178,17 @@ fn motion_figure(planned: &Plan) -> Figure {
         name: "motion",
         title: "Motion".into(),
         caption: description(machine, "Displacement of the terminal over time, as the shaker moves it."),
-        panels: vec![Panel {
-            x: Axis::new("Time [s]"),
-            y: Axis::new(description(machine, "Displacement of the terminal [mm]")),
-            height_px: MOTION_PX,
-            layers: vec![Layer::unnamed(Colour::Blue, Shape::Line(points, Stroke::Thin))],
-        }],
+        panels: vec![Panel::new(
+            "Time [s]",
+            Axis::new(description(machine, "Displacement of the terminal [mm]")),
+            MOTION_PX,
+            vec![Layer::unnamed(Colour::Blue, Shape::Line(points, Stroke::Thin))],
+        )],
     }
 }
 
 /// Designs a motion, or predicts what a given motion can identify.
 #[pyfunction]
-#[pyo3(signature = (run, preset, given, force_noise_n, settings, wants, motion, limits, told = None))]
 #[allow(clippy::too_many_arguments, reason = "the options of the command, by name in Python")]
 pub fn plan(
     py: Python<'_>,
@@ -210,7 +200,7 @@ pub fn plan(
     wants: String,
     motion: Option<(String, u64)>,
     limits: Given,
-    told: Option<&Bound<'_, PyAny>>,
+    told: Option<Py<PyAny>>,
 ) -> PyResult<Designed> {
     let run = run.map(|run| run.source.clone());
     watch(py, told, move |progress| {
@@ -243,14 +233,13 @@ pub fn plan(
 
 /// A figure of `inerter plot` as an SVG document, with its caption; `path` is a PNG to write as well.
 #[pyfunction]
-#[pyo3(signature = (run, name, path, replace, told = None))]
 pub fn plot(
     py: Python<'_>,
     run: &Run,
     name: &str,
     path: Option<PathBuf>,
     replace: bool,
-    told: Option<&Bound<'_, PyAny>>,
+    told: Option<Py<PyAny>>,
 ) -> PyResult<Drawn> {
     let Some(kind) = Kind::ALL.into_iter().find(|kind| kind.name() == name) else {
         let known = Kind::ALL.map(Kind::name).join(", ");
@@ -270,14 +259,13 @@ pub fn plot(
 
 /// Writes the page of `inerter report`; returns the names of its figures.
 #[pyfunction]
-#[pyo3(signature = (run, path, replace, limits, told = None))]
 pub fn report(
     py: Python<'_>,
     run: &Run,
     path: PathBuf,
     replace: bool,
     limits: Option<PathBuf>,
-    told: Option<&Bound<'_, PyAny>>,
+    told: Option<Py<PyAny>>,
 ) -> PyResult<Vec<&'static str>> {
     let run = run.clone();
     watch(py, told, move |progress| {

@@ -51,8 +51,7 @@ fn laid(mut overrides: Overrides, given: &Given) -> Result<Overrides, Failure> {
 
 /// Opens a recording (.mcap) or a CSV file; `told` is called with the fraction read.
 #[pyfunction]
-#[pyo3(signature = (path, settings, told = None))]
-pub fn open(py: Python<'_>, path: PathBuf, settings: Given, told: Option<&Bound<'_, PyAny>>) -> PyResult<Run> {
+pub fn open(py: Python<'_>, path: PathBuf, settings: Given, told: Option<Py<PyAny>>) -> PyResult<Run> {
     watch(py, told, move |progress| opened(path, overrides(&settings)?, progress))
 }
 
@@ -76,7 +75,6 @@ pub fn opened(path: PathBuf, overrides: Overrides, progress: &Progress) -> Resul
 
 /// A run from columns of equal length, each as raw bytes: 64-bit floats, or 64-bit integers for the encoder count.
 #[pyfunction]
-#[pyo3(signature = (name, rotary, t_s, encoder_count, force, terminal, settings))]
 #[allow(clippy::too_many_arguments, reason = "a column each")]
 pub fn from_columns(
     py: Python<'_>,
@@ -91,7 +89,7 @@ pub fn from_columns(
     let machine = if rotary { Machine::Rotary } else { Machine::Linear };
     let made = || -> Result<Run, Failure> {
         let overrides = overrides(&settings)?;
-        let counts = encoder_count.chunks_exact(8).map(|eight| i64::from_le_bytes(eight_of(eight))).collect();
+        let counts = encoder_count.as_chunks().0.iter().map(|eight| i64::from_le_bytes(*eight)).collect();
         let table = csv::Table::of_columns(name, machine, floats(t_s), counts, floats(force), floats(terminal))?;
         Run::of_columns(table.file.clone(), Arc::new(table), overrides)
     };
@@ -106,12 +104,7 @@ pub fn with_settings(py: Python<'_>, run: &Run, settings: Given) -> PyResult<Run
 
 /// Decodes a column of numbers.
 pub fn floats(bytes: &[u8]) -> Vec<f64> {
-    bytes.chunks_exact(8).map(|eight| f64::from_le_bytes(eight_of(eight))).collect()
-}
-
-/// Each chunk has eight bytes.
-fn eight_of(bytes: &[u8]) -> [u8; 8] {
-    bytes.try_into().unwrap_or_default()
+    bytes.as_chunks().0.iter().map(|eight| f64::from_le_bytes(*eight)).collect()
 }
 
 #[pymethods]

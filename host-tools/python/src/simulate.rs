@@ -16,7 +16,6 @@ use crate::{
 /// The motion is a name, a CSV of points, or the displacements themselves: the time from point to point and the raw
 /// bytes of 64-bit floats.
 #[pyfunction]
-#[pyo3(signature = (name, file, points, preset, given, seed, duration_s, load_n, change, settings, path, replace, told = None))]
 #[allow(clippy::too_many_arguments, reason = "the flags of the command, by name in Python")]
 pub fn simulate(
     py: Python<'_>,
@@ -32,7 +31,7 @@ pub fn simulate(
     settings: Given,
     path: Option<PathBuf>,
     replace: bool,
-    told: Option<&Bound<'_, PyAny>>,
+    told: Option<Py<PyAny>>,
 ) -> PyResult<Run> {
     watch(py, told, move |progress| {
         let motion = match (name, file, points) {

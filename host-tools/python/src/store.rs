@@ -44,8 +44,7 @@ impl Store {
     }
 
     /// Returns the name of the run, and whether it is new.
-    #[pyo3(signature = (path, told = None))]
-    fn add(&self, py: Python<'_>, path: PathBuf, told: Option<&Bound<'_, PyAny>>) -> PyResult<(String, bool)> {
+    fn add(&self, py: Python<'_>, path: PathBuf, told: Option<Py<PyAny>>) -> PyResult<(String, bool)> {
         let this = self.clone();
         watch(py, told, move |progress| {
             let store = Arc::new(inerter_store::Store::create(&this.url)?);
@@ -94,8 +93,7 @@ impl Store {
         self.work(py, move |store| Ok(store.get(&store.find(&run)?, &path, replace)?))
     }
 
-    #[pyo3(signature = (repair, told = None))]
-    fn verify(&self, py: Python<'_>, repair: bool, told: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<Damaged>> {
+    fn verify(&self, py: Python<'_>, repair: bool, told: Option<Py<PyAny>>) -> PyResult<Vec<Damaged>> {
         let this = self.clone();
         watch(py, told, move |progress| {
             let store = this.open()?;

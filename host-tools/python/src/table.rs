@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use arrow_array::{
     ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, RecordBatchIterator, RecordBatchOptions,
-    RecordBatchReader, ffi_stream::FFI_ArrowArrayStream,
+    ffi_stream::FFI_ArrowArrayStream,
 };
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
 use inerter_analysis::plan::Plan;
 use inerter_core::Settings;
 use inerter_data::{
     csv::column_names,
-    export::{Column, EstimateTable, Kind, Row, Rows, Source, Values},
+    export::{Column, EstimateTable, Kind, Row, Source, Values},
     names::unit,
     words::printable,
 };
@@ -35,6 +35,9 @@ pub struct Table {
     of: Of,
     schema: SchemaRef,
 }
+
+/// The rows of a table, batch by batch.
+type Batches = Box<dyn Iterator<Item = Result<RecordBatch, ArrowError>> + Send>;
 
 enum Of {
     Samples(Box<Source>, Vec<Column>),
@@ -68,7 +71,7 @@ impl Table {
     fn __getitem__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyList>> {
         let Ok(place) = self.schema.index_of(name) else { return Err(PyKeyError::new_err(name.to_string())) };
         let list = PyList::empty(py);
-        let mut batches = self.reader()?;
+        let mut batches = self.batches()?;
         while let Some(batch) = py.detach(|| batches.next()) {
             py.check_signals()?;
             let batch = batch.map_err(failed)?;
@@ -97,7 +100,7 @@ impl Table {
     ) -> PyResult<Bound<'py, PyCapsule>> {
         // The interface allows a producer to ignore the requested schema.
         drop(requested_schema);
-        let batches = self.reader()?.map(|batch| batch.map_err(shown));
+        let batches = self.batches()?.map(|batch| batch.map_err(shown));
         let reader = Box::new(RecordBatchIterator::new(batches, self.schema.clone()));
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(reader), c"arrow_array_stream")
     }
@@ -124,27 +127,42 @@ fn shown(error: ArrowError) -> ArrowError {
 }
 
 impl Table {
-    /// Its rows, batch by batch.
-    fn reader(&self) -> Result<Box<dyn RecordBatchReader + Send>, Failure> {
-        Ok(match &self.of {
-            Of::Samples(source, columns) => {
-                let rows = source.rows(0.0..f64::INFINITY)?;
-                let batches = Batches {
-                    source: source.as_ref().clone(),
-                    columns: columns.clone(),
-                    rows,
-                    schema: self.schema.clone(),
-                    has_failed: false,
-                };
-                Box::new(batches)
-            }
+    /// Its rows, batch by batch; nothing comes after an error.
+    fn batches(&self) -> Result<Batches, Failure> {
+        let schema = self.schema.clone();
+        let (source, columns) = match &self.of {
+            Of::Samples(source, columns) => (source.clone(), columns.clone()),
             Of::Known(columns, rows) => {
                 // A run too short for an estimate has no rows, and then no columns either.
                 let rows = RecordBatchOptions::new().with_row_count(Some(*rows));
-                let batch = RecordBatch::try_new_with_options(self.schema.clone(), columns.clone(), &rows);
-                Box::new(RecordBatchIterator::new([batch], self.schema.clone()))
+                let batch = RecordBatch::try_new_with_options(schema, columns.clone(), &rows);
+                return Ok(Box::new(std::iter::once(batch)));
             }
-        })
+        };
+        let (mut rows, mut has_failed) = (source.rows(0.0..f64::INFINITY)?, false);
+        Ok(Box::new(std::iter::from_fn(move || {
+            if has_failed {
+                return None;
+            }
+            let batch = match rows.by_ref().take(BATCH).collect::<Result<Vec<Row>, inerter_data::Error>>() {
+                Ok(batch) => batch,
+                Err(error) => {
+                    has_failed = true;
+                    return Some(Err(ArrowError::ExternalError(Box::new(error))));
+                }
+            };
+            if batch.is_empty() {
+                return None;
+            }
+            let columns = columns.iter().map(|column| -> ArrayRef {
+                match column.values(&source, &batch) {
+                    Values::Float(values) => Arc::new(Float64Array::from(values)),
+                    Values::Whole(values) => Arc::new(Int64Array::from(values)),
+                    Values::Flag(values) => Arc::new(BooleanArray::from(values)),
+                }
+            });
+            Some(RecordBatch::try_new(schema.clone(), columns.collect()))
+        })))
     }
 
     /// All samples of a run.
@@ -196,48 +214,4 @@ fn floats(name: &str, unit: &str, values: impl Into<Float64Array>, nullable: boo
 fn field(name: &str, unit: &str, kind: DataType, nullable: bool) -> Field {
     Field::new(name, kind, nullable)
         .with_metadata(std::collections::HashMap::from([("unit".to_string(), unit.to_string())]))
-}
-
-/// Samples, read from their file on demand.
-struct Batches {
-    source: Source,
-    columns: Vec<Column>,
-    rows: Rows,
-    schema: SchemaRef,
-    /// Nothing comes after an error.
-    has_failed: bool,
-}
-
-impl Iterator for Batches {
-    type Item = Result<RecordBatch, ArrowError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        if self.has_failed {
-            return None;
-        }
-        let rows = match self.rows.by_ref().take(BATCH).collect::<Result<Vec<Row>, inerter_data::Error>>() {
-            Ok(rows) => rows,
-            Err(error) => {
-                self.has_failed = true;
-                return Some(Err(ArrowError::ExternalError(Box::new(error))));
-            }
-        };
-        if rows.is_empty() {
-            return None;
-        }
-        let columns = self.columns.iter().map(|column| -> ArrayRef {
-            match column.values(&self.source, &rows) {
-                Values::Float(values) => Arc::new(Float64Array::from(values)),
-                Values::Whole(values) => Arc::new(Int64Array::from(values)),
-                Values::Flag(values) => Arc::new(BooleanArray::from(values)),
-            }
-        });
-        Some(RecordBatch::try_new(self.schema.clone(), columns.collect()))
-    }
-}
-
-impl RecordBatchReader for Batches {
-    fn schema(&self) -> SchemaRef {
-        self.schema.clone()
-    }
 }

@@ -47,7 +47,7 @@ impl Progress {
 /// dropped.
 pub fn watch<T: Send + 'static>(
     py: Python<'_>,
-    told: Option<&Bound<'_, PyAny>>,
+    told: Option<Py<PyAny>>,
     work: impl FnOnce(&Progress) -> Result<T, Failure> + Send + 'static,
 ) -> PyResult<T> {
     let progress = Progress::default();
@@ -58,23 +58,18 @@ pub fn watch<T: Send + 'static>(
     begun.map_err(|error| PyRuntimeError::new_err(format!("no thread for the work: {error}")))?;
     let done = std::sync::Mutex::new(done);
     let wait = || done.lock().map_or(Err(RecvTimeoutError::Disconnected), |done| done.recv_timeout(PAUSE));
-    let stopped = |error: PyErr| {
-        progress.is_stopped.store(true, Ordering::Relaxed);
-        error
-    };
+    let tell = |part: f64| told.iter().try_for_each(|told| told.call1(py, (part,)).map(drop));
     loop {
         match py.detach(wait) {
             Ok(result) => {
                 let result = result?;
-                told.map_or(Ok(()), |told| told.call1((1.0,)).map(drop))?;
+                tell(1.0)?;
                 return Ok(result);
             }
             Err(RecvTimeoutError::Timeout) => {
-                py.check_signals().map_err(stopped)?;
-                if let Some(told) = told {
-                    let part = f64::from_bits(progress.part.load(Ordering::Relaxed));
-                    told.call1((part,)).map_err(stopped)?;
-                }
+                let part = f64::from_bits(progress.part.load(Ordering::Relaxed));
+                let stop = |_: &PyErr| progress.is_stopped.store(true, Ordering::Relaxed);
+                py.check_signals().and_then(|()| tell(part)).inspect_err(stop)?;
             }
             Err(RecvTimeoutError::Disconnected) => {
                 return Err(PyRuntimeError::new_err("a fault in the package ended the work: please report it"));

@@ -28,9 +28,9 @@ use inerter_wire::{Capabilities, ClockSource, SettingsValues};
 use crate::{
     clock,
     error::SimulateError,
-    operator::{Handled, Operator},
+    operator::{Operator, Samples},
     port::Port,
-    setup::{Sampled, Setup, raw},
+    setup::{Setup, raw},
 };
 
 /// Longest time between two polls of the link.
@@ -57,19 +57,18 @@ pub struct VirtualDevice {
 impl VirtualDevice {
     /// Starts a device that is already in motion, at `speed` times real time.
     pub fn start(setup: &Setup, endpoint: &Endpoint, speed: f64) -> Result<Self, SimulateError> {
-        Self::new(setup, endpoint, speed, true, Box::new(setup.samples()?))
+        Self::new(setup, endpoint, speed, true, setup.samples()?)
     }
 
     /// Starts a device that an operator loads and moves; the motion of the set-up is the first one.
     pub fn with_operator(setup: &Setup, endpoint: &Endpoint, speed: f64) -> Result<(Self, Operator), SimulateError> {
-        let bench = Operator::new(setup);
-        let samples = Handled::new(setup, bench.clone())?;
-        Ok((Self::new(setup, endpoint, speed, true, Box::new(samples))?, bench))
+        let (samples, bench) = setup.handled()?;
+        Ok((Self::new(setup, endpoint, speed, true, samples)?, bench))
     }
 
     /// Starts a device whose motion begins when a host starts the sampler, so that the host misses no sample.
     pub fn waiting(setup: &Setup, endpoint: &Endpoint, speed: f64) -> Result<Self, SimulateError> {
-        Self::new(setup, endpoint, speed, false, Box::new(setup.samples()?))
+        Self::new(setup, endpoint, speed, false, setup.samples()?)
     }
 
     fn new(
@@ -77,7 +76,7 @@ impl VirtualDevice {
         endpoint: &Endpoint,
         speed: f64,
         autostart: bool,
-        samples: Box<dyn Sampled>,
+        samples: Samples,
     ) -> Result<Self, SimulateError> {
         let (port, name) = match endpoint {
             Endpoint::Tcp(address) => Port::tcp(address)?,
@@ -174,7 +173,7 @@ fn run_until(stop: &AtomicBool, mut turn: impl FnMut(), future: impl Future) {
 
 /// The plant as a sampler.
 struct PlantSource {
-    samples: Box<dyn Sampled>,
+    samples: Samples,
     next: Option<Sample>,
     started: Option<Instant>,
     speed: f64,
@@ -237,7 +236,7 @@ impl SampleSource for Shared {
     /// The plant's instruments follow the settings; a sample already waiting has the former rate.
     async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
         let source = &mut *self.0.borrow_mut();
-        let simulation = source.samples.simulation();
+        let simulation = &mut source.samples.simulation;
         let sensors = simulation.sensors();
         if (sensors.sample_rate_hz, sensors.oversampling) == (settings.sample_rate_hz, settings.oversampling) {
             return Ok(());

@@ -24,20 +24,23 @@ use crate::{
     setup::{Setup, raw},
 };
 
-/// Writes a recording (.mcap), or a CSV (.csv) with its settings in a file beside it, whose name it returns; otherwise
-/// as [`write_recording`].
+/// Writes a recording (.mcap), or a CSV (.csv), which has `terminal_m` if the settings include a terminal sensor, with
+/// its settings in a file beside it, whose name it returns; otherwise as [`write_recording`].
 pub fn write(
     setup: &Setup,
     path: &Path,
     replace: bool,
-    progress: impl FnMut(f64) -> Result<(), Error>,
+    mut progress: impl FnMut(f64) -> Result<(), Error>,
 ) -> Result<Option<PathBuf>, SimulateError> {
     match path.extension().and_then(OsStr::to_str).map(str::to_lowercase).as_deref() {
         Some("csv") => {
             if !replace {
                 output::refuse_existing(&settings::beside(path))?;
             }
-            write_csv(setup, path, replace, progress)?;
+            let run = held(setup, &mut progress)?;
+            let end_s = run.start_s + run.samples.len() as f64 / setup.settings.sample_rate_hz;
+            let (source, targets) = (Source::held(run), [(Format::Csv, path.into())]);
+            export::export(&source, &Selection::default(), &targets, replace, None, &mut |_| progress(end_s))?;
             Ok(Some(settings::write_beside(&setup.settings, setup.calibration.as_ref(), path, replace)?))
         }
         // A device such as /dev/full accepts any format.
@@ -121,20 +124,6 @@ pub fn held(setup: &Setup, mut progress: impl FnMut(f64) -> Result<(), Error>) -
         truth: Some(setup.truth()),
         ..Run::default()
     })
-}
-
-/// Writes a CSV, with `terminal_m` if the settings include a terminal sensor; otherwise as [`write_recording`].
-fn write_csv(
-    setup: &Setup,
-    path: &Path,
-    replace: bool,
-    mut progress: impl FnMut(f64) -> Result<(), Error>,
-) -> Result<(), SimulateError> {
-    let run = held(setup, &mut progress)?;
-    let end_s = run.start_s + run.samples.len() as f64 / setup.settings.sample_rate_hz;
-    let targets = [(Format::Csv, path.into())];
-    export::export(&Source::held(run), &Selection::default(), &targets, replace, None, &mut |_| progress(end_s))?;
-    Ok(())
 }
 
 fn hello(setup: &Setup) -> Hello {

@@ -22,6 +22,6 @@ pub mod share;
 pub use described::{Described, Motion};
 pub use device::{Endpoint, VirtualDevice};
 pub use error::SimulateError;
-pub use operator::Operator;
+pub use operator::{Operator, Samples};
 pub use qemu::{END_OF_SAMPLES, Qemu, START_TIME, end_qemu, find_image, qemu_version, sample_bytes};
-pub use setup::{Samples, Setup, bench_sensors, calibrated, raw};
+pub use setup::{Setup, bench_sensors, calibrated, raw};

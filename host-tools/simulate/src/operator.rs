@@ -7,10 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use inerter_plant::{Excitation, Hands, Inerter, Plant, Sample, Simulation};
 
-use crate::{
-    error::SimulateError,
-    setup::{Sampled, Setup},
-};
+use crate::{error::SimulateError, setup::Setup};
 
 /// Standard gravity, for a mass that hangs on the simulated cell \[m/s^2\].
 pub const GRAVITY_M_PER_S2: f64 = 9.80665;
@@ -32,13 +29,6 @@ struct Orders {
 }
 
 impl Operator {
-    /// The operator of this set-up's device.
-    pub(super) fn new(setup: &Setup) -> Self {
-        let hands = Hands { load_n: setup.load_n, moved_m: 0.0 };
-        let orders = Orders { hands, parameters: setup.parameters, plant: None };
-        Self { orders: Arc::new(Mutex::new(orders)), lead_m: setup.sensors.lead_m, seed: setup.sensors.seed }
-    }
-
     fn orders(&self) -> MutexGuard<'_, Orders> {
         // The orders are consistent even if a thread panicked.
         self.orders.lock().unwrap_or_else(PoisonError::into_inner)
@@ -78,41 +68,50 @@ impl Operator {
     }
 }
 
-/// Samples of a device that an operator loads and moves.
-pub(super) struct Handled {
-    simulation: Simulation,
-    bench: Operator,
-    moved_m: f64,
+/// Samples of a set-up's device, up to a duration.
+pub struct Samples {
+    pub(crate) simulation: Simulation,
+    duration_s: f64,
+    /// Who loads and moves the device, if anybody does.
+    bench: Option<Operator>,
 }
 
-impl Handled {
-    /// The device of this set-up, whose motion is the first one.
-    pub fn new(setup: &Setup, bench: Operator) -> Result<Self, SimulateError> {
-        Ok(Self { simulation: setup.simulation()?, bench, moved_m: 0.0 })
+impl Setup {
+    /// The samples, with the truth beside them, up to the duration.
+    pub fn samples(&self) -> Result<Samples, SimulateError> {
+        let duration_s = self.duration_s.unwrap_or(f64::INFINITY);
+        Ok(Samples { simulation: self.simulation()?, duration_s, bench: None })
+    }
+
+    /// Endless samples of the device, and the operator who loads and moves it; the motion of the set-up is the first
+    /// one.
+    pub(crate) fn handled(&self) -> Result<(Samples, Operator), SimulateError> {
+        let simulation = self.simulation()?;
+        let orders = Orders { hands: simulation.hands, parameters: self.parameters, plant: None };
+        let orders = Arc::new(Mutex::new(orders));
+        let bench = Operator { orders, lead_m: self.sensors.lead_m, seed: self.sensors.seed };
+        Ok((Samples { simulation, duration_s: f64::INFINITY, bench: Some(bench.clone()) }, bench))
     }
 }
 
-impl Sampled for Handled {
-    fn simulation(&mut self) -> &mut Simulation {
-        &mut self.simulation
-    }
-}
-
-impl Iterator for Handled {
+impl Iterator for Samples {
     type Item = Sample;
 
     fn next(&mut self) -> Option<Sample> {
-        let (wanted, plant) = {
-            let mut orders = self.bench.orders();
-            (orders.hands, orders.plant.take())
-        };
-        if let Some(plant) = plant {
-            self.simulation.replace(plant);
+        if let Some(bench) = &self.bench {
+            let (wanted, plant) = {
+                let mut orders = bench.orders();
+                (orders.hands, orders.plant.take())
+            };
+            if let Some(plant) = plant {
+                self.simulation.replace(plant);
+            }
+            let step_m = SPEED_M_PER_S / self.simulation.sensors().sample_rate_hz;
+            let hands = &mut self.simulation.hands;
+            let moved_m = hands.moved_m + (wanted.moved_m - hands.moved_m).clamp(-step_m, step_m);
+            *hands = Hands { moved_m, ..wanted };
         }
-        let step_m = SPEED_M_PER_S / self.simulation.sensors().sample_rate_hz;
-        self.moved_m += (wanted.moved_m - self.moved_m).clamp(-step_m, step_m);
-        self.simulation.handle(Hands { moved_m: self.moved_m, ..wanted });
-        self.simulation.next()
+        self.simulation.next().filter(|sample| sample.t_s < self.duration_s)
     }
 }
 
@@ -128,8 +127,7 @@ mod tests {
         let sensors = inerter_plant::Sensors { force_noise_n: 0.0, ..bench_sensors() };
         let setup = Setup::new(Inerter::paper(), sensors, "hold", None, &Overrides::default()).unwrap();
         let setup = Setup { load_n: 3.0, ..setup };
-        let bench = Operator::new(&setup);
-        let mut samples = Handled::new(&setup, bench.clone()).unwrap();
+        let (mut samples, bench) = setup.handled().unwrap();
         let mut after = |count: usize| samples.by_ref().nth(count).unwrap();
         assert_eq!(after(0).force_code, 1500);
         bench.obey("mass -5\n").unwrap();

@@ -19,13 +19,12 @@ use std::{
 };
 
 use inerter_core::RawSample;
-use inerter_plant::Sample;
 use tempfile::TempPath;
 
 use crate::{
     device::Endpoint,
     error::SimulateError,
-    operator::{Handled, Operator},
+    operator::{Operator, Samples},
     setup::{Setup, raw},
 };
 
@@ -46,13 +45,9 @@ const FEED_EVERY: Duration = Duration::from_millis(5);
 
 /// The image: as given, from `INERTER_QEMU_IMAGE`, or where cargo put it in the source tree.
 pub fn find_image(given: Option<&Path>) -> Result<PathBuf, SimulateError> {
-    if let Some(path) = given {
-        return path.is_file().then(|| path.into()).ok_or(SimulateError::NoImage);
-    }
-    if let Some(path) = std::env::var_os(IMAGE_VARIABLE).map(PathBuf::from).filter(|path| path.is_file()) {
-        return Ok(path);
-    }
-    Some(Path::new(SOURCES).join(IMAGE_PATH)).filter(|path| path.is_file()).ok_or(SimulateError::NoImage)
+    let named = || std::env::var_os(IMAGE_VARIABLE).map(PathBuf::from).filter(|path| path.is_file());
+    let path = given.map(Path::to_path_buf).or_else(named).unwrap_or_else(|| Path::new(SOURCES).join(IMAGE_PATH));
+    if path.is_file() { Ok(path) } else { Err(SimulateError::NoImage) }
 }
 
 /// The version line of the installed QEMU; `None` if there is none.
@@ -143,12 +138,12 @@ impl Qemu {
 
     /// The same for a device that an operator loads and moves; the motion of the set-up is the first one.
     pub fn play_with_operator(&mut self, setup: &Setup, speed: f64) -> Result<Operator, SimulateError> {
-        let bench = Operator::new(setup);
-        self.feed(Handled::new(setup, bench.clone())?, setup.settings.sample_rate_hz, speed);
+        let (samples, bench) = setup.handled()?;
+        self.feed(samples, setup.settings.sample_rate_hz, speed);
         Ok(bench)
     }
 
-    fn feed(&mut self, samples: impl Iterator<Item = Sample> + Send + 'static, rate_hz: f64, speed: f64) {
+    fn feed(&mut self, samples: Samples, rate_hz: f64, speed: f64) {
         let stop = self.stop.clone();
         if let Some(file) = self.file.take() {
             self.feeder = Some(thread::spawn(move || feed(samples, file, speed, rate_hz, &stop)));
@@ -245,13 +240,7 @@ pub fn sample_bytes(sample: &RawSample) -> [u8; 16] {
 }
 
 /// Appends samples when they are due, then the end mark.
-fn feed(
-    samples: impl Iterator<Item = Sample>,
-    mut file: File,
-    speed: f64,
-    rate_hz: f64,
-    stop: &AtomicBool,
-) -> io::Result<()> {
+fn feed(samples: Samples, mut file: File, speed: f64, rate_hz: f64, stop: &AtomicBool) -> io::Result<()> {
     let started = Instant::now();
     let mut portion = Vec::new();
     for sample in samples {

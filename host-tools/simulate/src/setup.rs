@@ -93,15 +93,10 @@ impl Setup {
         Ok(setup)
     }
 
-    /// The samples, with the truth beside them, up to the duration.
-    pub fn samples(&self) -> Result<Samples, SimulateError> {
-        Ok(Samples { simulation: self.simulation()?, duration_s: self.duration_s.unwrap_or(f64::INFINITY) })
-    }
-
     pub(crate) fn simulation(&self) -> Result<Simulation, SimulateError> {
         let plant = Plant::changing(self.parameters, self.later.into_iter().collect(), self.excitation.clone())?;
         let mut simulation = Simulation::of(plant, self.sensors)?;
-        simulation.handle(Hands { load_n: self.load_n, moved_m: 0.0 });
+        simulation.hands = Hands { load_n: self.load_n, moved_m: 0.0 };
         Ok(simulation)
     }
 
@@ -129,32 +124,6 @@ impl Setup {
         let values = self.parameters.values().into_iter().zip(after.values());
         let named = Inerter::TABLE.iter().map(|field| field.name).zip(values);
         named.filter_map(|(name, (before, after))| (before != after).then_some((name, after)))
-    }
-}
-
-/// Samples of a set-up, up to its duration.
-pub struct Samples {
-    simulation: Simulation,
-    duration_s: f64,
-}
-
-impl Iterator for Samples {
-    type Item = Sample;
-
-    fn next(&mut self) -> Option<Sample> {
-        self.simulation.next().filter(|sample| sample.t_s < self.duration_s)
-    }
-}
-
-/// Samples whose rate a host can change.
-pub(crate) trait Sampled: Iterator<Item = Sample> + Send {
-    /// The underlying simulation.
-    fn simulation(&mut self) -> &mut Simulation;
-}
-
-impl Sampled for Samples {
-    fn simulation(&mut self) -> &mut Simulation {
-        &mut self.simulation
     }
 }
 

@@ -336,7 +336,7 @@ fn frontier_figure(draws: &Draws) -> Figure {
         let line = (0..=30).map(|step| at(grows, 0.05 * f64::from(step))).collect();
         layers.push(Layer::new(format!("{grows} times"), colour, Shape::Line(line, Stroke::Solid)));
         let (width, held) = at(grows, 1.0);
-        layers.push(Layer::unnamed(colour, Shape::Points(vec![(width, held, held, held)])));
+        layers.push(Layer::unnamed(colour, Shape::Points(vec![(width, held, 0.0)])));
     }
     Figure {
         name: "frontier",

@@ -6,7 +6,7 @@
 
 use std::f64::consts::TAU;
 
-use super::{Excitation, Point, Segment, Shape};
+use super::{Excitation, Point, Segment, Shape, Tone};
 
 /// Steps between two recomputations of the phasors.
 const REFRESH: u32 = 64;
@@ -82,18 +82,17 @@ impl Nodes {
 
     fn refresh(&mut self) {
         self.age = 0;
-        self.phasors.clear();
-        let Some(&(origin, Some(k))) = self.breaks.get(self.current) else { return };
-        let Some(segment) = self.excitation.segments.get(k) else { return };
-        let local = origin + f64::from(self.count) * self.step_s - segment.start_s;
-        if let Shape::Tones(tones) = &segment.shape {
-            self.phasors.extend(tones.iter().map(|tone| {
-                let rad_per_s = TAU * tone.frequency_hz;
-                let (sin, cos) = (rad_per_s * local + tone.phase_rad).sin_cos();
-                let (step_sin, step_cos) = (rad_per_s * self.step_s).sin_cos();
-                Phasor { rad_per_s, sin: tone.amplitude_m * sin, cos: tone.amplitude_m * cos, step_sin, step_cos }
-            }));
-        }
+        self.phasors = Vec::new();
+        let Some(segment) = self.segment() else { return };
+        let Shape::Tones(tones) = &segment.shape else { return };
+        let local = self.break_s(self.current) + f64::from(self.count) * self.step_s - segment.start_s;
+        let phasor = |tone: &Tone| {
+            let rad_per_s = TAU * tone.frequency_hz;
+            let (sin, cos) = (rad_per_s * local + tone.phase_rad).sin_cos();
+            let (step_sin, step_cos) = (rad_per_s * self.step_s).sin_cos();
+            Phasor { rad_per_s, sin: tone.amplitude_m * sin, cos: tone.amplitude_m * cos, step_sin, step_cos }
+        };
+        self.phasors = tones.iter().map(phasor).collect();
     }
 
     /// The motion at a break or any other time, from its formula, in the interval after the current break.

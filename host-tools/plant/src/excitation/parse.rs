@@ -48,23 +48,18 @@ impl Excitation {
     /// of a sequence are separated by `;` or `+`; each except the last needs a duration `@T` (a chirp has one). `seed`
     /// is as for [`preset`](Self::preset); each part of a sequence draws its own tones from it.
     pub fn parse(text: &str, seed: u64) -> Result<Self, PlantError> {
-        excitation(text, seed)
-    }
-}
-
-/// A whole motion or sequence.
-fn excitation(text: &str, seed: u64) -> Result<Excitation, PlantError> {
-    let pieces = split(text);
-    let last = pieces.len() - 1;
-    let mut parts = Vec::new();
-    for (k, piece) in pieces.iter().enumerate() {
-        let part = timed(piece.trim(), seed.wrapping_add(k as u64))?;
-        if k < last && part.duration_s() == f64::INFINITY {
-            return wrong(piece.trim(), "only the last part of a sequence may last for ever: add a duration", SEQUENCE);
+        let pieces = split(text);
+        let last = pieces.len() - 1;
+        let mut parts = Vec::new();
+        for (k, piece) in pieces.into_iter().map(str::trim).enumerate() {
+            let part = timed(piece, seed.wrapping_add(k as u64))?;
+            if k < last && part.duration_s() == f64::INFINITY {
+                return wrong(piece, "only the last part of a sequence may last for ever: add a duration", SEQUENCE);
+            }
+            parts.push(part);
         }
-        parts.push(part);
+        Ok(Self::sequence(parts))
     }
-    Ok(Excitation::sequence(parts))
 }
 
 /// Splits at `;` and at `+`, unless the `+` belongs to an exponent (`1e+3`).
@@ -103,47 +98,43 @@ fn single(text: &str, seed: u64) -> Result<Excitation, PlantError> {
     {
         return Ok(preset);
     }
-    match (kind, fields.as_slice()) {
-        ("", []) => wrong(text, "a motion is missing here", SEQUENCE),
-        ("hold", []) => Ok(Excitation::hold()),
-        ("hold", _) => wrong(text, "hold takes no numbers, only a duration", "hold@5s"),
-        ("sine", [frequency, amplitude]) => {
-            checked(text, Excitation::tones(vec![tone(frequency, amplitude, SINE)?]), SINE)
-        }
-        ("sine", _) => wrong(text, "a sine takes a frequency and an amplitude", SINE),
-        ("tones", []) => wrong(text, "tones take a list of frequencies and amplitudes", TONES),
-        ("tones", _) => tones(text),
-        ("multi", [band, velocity]) => {
-            let (low, high, rms) = band_and_speed(band, velocity, MULTI)?;
-            checked(text, Excitation::multisine(low, high, rms, seed), MULTI)
-        }
-        ("multi", _) => wrong(text, "a multisine takes a band and an rms velocity", MULTI),
-        ("random", [band, velocity]) => {
-            let (low, high, rms) = band_and_speed(band, velocity, RANDOM)?;
-            checked(text, Excitation::random(low, high, rms, seed), RANDOM)
-        }
-        ("random", _) => wrong(text, "a random motion takes a band and an rms velocity", RANDOM),
-        ("chirp", [band, velocity, time]) => {
-            let (low, high, rms) = band_and_speed(band, velocity, CHIRP)?;
-            let duration = quantity(time, TIME, "a time", CHIRP)?;
-            checked(text, Excitation::chirp(low, high, rms, duration), CHIRP)
-        }
-        ("chirp", _) => wrong(text, "a chirp takes a band, an rms velocity and a duration", CHIRP),
-        ("moves", [stroke, velocity, acceleration, rest]) => {
-            let moves = Moves {
-                stroke_m: quantity(stroke, LENGTH, "a stroke", MOVES)?,
-                velocity_m_per_s: quantity(velocity, SPEED, "a velocity", MOVES)?,
-                acceleration_m_per_s2: quantity(acceleration, ACCELERATION, "an acceleration", MOVES)?,
-                rest_s: quantity(rest, TIME, "a time", MOVES)?,
-            };
-            checked(text, Excitation::moves(moves), MOVES)
-        }
-        ("moves", _) => wrong(text, "moves take a stroke, a velocity, an acceleration and a rest", MOVES),
-        (name, _) => {
+    let (takes, example) = match kind {
+        "" if fields.is_empty() => return wrong(text, "a motion is missing here", SEQUENCE),
+        "hold" => ("hold takes no numbers, only a duration", "hold@5s"),
+        "sine" => ("a sine takes a frequency and an amplitude", SINE),
+        "tones" => ("tones take a list of frequencies and amplitudes", TONES),
+        "multi" => ("a multisine takes a band and an rms velocity", MULTI),
+        "random" => ("a random motion takes a band and an rms velocity", RANDOM),
+        "chirp" => ("a chirp takes a band, an rms velocity and a duration", CHIRP),
+        "moves" => ("moves take a stroke, a velocity, an acceleration and a rest", MOVES),
+        name => {
             let known = Excitation::PRESETS.join(", ");
-            wrong(name, format!("no motion has this name; known: {known}, sine, tones, chirp, moves, hold"), SEQUENCE)
+            let problem = format!("no motion has this name; known: {known}, sine, tones, chirp, moves, hold");
+            return wrong(name, problem, SEQUENCE);
         }
-    }
+    };
+    let motion = match (kind, fields.as_slice()) {
+        ("hold", []) => Excitation::hold(),
+        ("sine", [frequency, amplitude]) => Excitation::tones(vec![tone(frequency, amplitude, example)?]),
+        ("tones", [_, ..]) => tones(text)?,
+        ("multi" | "random", [band, velocity]) => {
+            let (low, high, rms) = band_and_speed(band, velocity, example)?;
+            let motion = if kind == "multi" { Excitation::multisine } else { Excitation::random };
+            motion(low, high, rms, seed)
+        }
+        ("chirp", [band, velocity, time]) => {
+            let (low, high, rms) = band_and_speed(band, velocity, example)?;
+            Excitation::chirp(low, high, rms, quantity(time, TIME, "a time", example)?)
+        }
+        ("moves", [stroke, velocity, acceleration, rest]) => Excitation::moves(Moves {
+            stroke_m: quantity(stroke, LENGTH, "a stroke", example)?,
+            velocity_m_per_s: quantity(velocity, SPEED, "a velocity", example)?,
+            acceleration_m_per_s2: quantity(acceleration, ACCELERATION, "an acceleration", example)?,
+            rest_s: quantity(rest, TIME, "a time", example)?,
+        }),
+        _ => return wrong(text, takes, example),
+    };
+    checked(text, motion, example)
 }
 
 fn tones(text: &str) -> Result<Excitation, PlantError> {
@@ -159,7 +150,7 @@ fn tones(text: &str) -> Result<Excitation, PlantError> {
             _ => return wrong(part, "each tone takes a frequency and an amplitude, and may take a phase", TONES),
         }
     }
-    checked(text, Excitation::tones(tones), TONES)
+    Ok(Excitation::tones(tones))
 }
 
 fn tone(frequency: &str, amplitude: &str, example: &'static str) -> Result<Tone, PlantError> {

@@ -20,7 +20,8 @@ const DISPLACEMENT_M: f64 = 10.0;
 /// Displacements at equal time steps.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Table {
-    period_s: f64,
+    /// Time from point to point \[s\].
+    pub period_s: f64,
     /// Displacement \[m\] and velocity \[m/s\] at each point.
     points: Arc<[(f64, f64)]>,
     factor: f64,
@@ -52,11 +53,6 @@ impl Table {
     /// Its length \[s\].
     pub fn duration_s(&self) -> f64 {
         self.points.len().saturating_sub(1) as f64 * self.period_s
-    }
-
-    /// Time from point to point \[s\].
-    pub fn period_s(&self) -> f64 {
-        self.period_s
     }
 
     /// Multiplies the displacement by a factor.

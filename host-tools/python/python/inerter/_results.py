@@ -89,7 +89,7 @@ class Result(Mapping[str, Any]):
         """The figure that belongs to it; None if there is none."""
         if self._figure is None and self._run is not None and self._shows:
             try:
-                self._figure = Figure(self._shows, *_inerter.plot(self._run, self._shows, None, False))
+                self._figure = Figure(self._shows, *_inerter.plot(self._run, self._shows, None, False, None))
             except _inerter.InerterError:
                 self._run = None
         return self._figure

@@ -101,7 +101,7 @@ class Store:
                     part = os.path.join(folder, "run.mcap")
                     self._store.get(key(run), part, False)
                     os.replace(part, path)
-        return told(_inerter.open(path, dict(settings or {})), 2)
+        return told(_inerter.open(path, dict(settings or {}), None), 2)
 
     def results(self, batch: str) -> list[dict[str, Any]]:
         """The result of each run in a batch (`inerter.batch`, `inerter replay --store`): `run`, `kind`, `software`, `given` (the settings

@@ -173,7 +173,7 @@ def _work(key: str, *, url: str, kind: str, batch: str, given: dict[str, float])
             error = (str(raised.code), str(raised))
         else:
             try:
-                result = json.dumps(dict(call(_inerter.open(path, given))))
+                result = json.dumps(dict(call(_inerter.open(path, given, None))))
             except InerterError as raised:
                 error = (str(raised.code), str(raised))
         _keep(store, batch, key, kind, given, result, error)

@@ -8,8 +8,8 @@ use super::comparison::{Comparison, DRAWN};
 use crate::{
     figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke, ends},
     page::{
-        Content, Half, LOW_PX, MOST_TIMES, TALL_PX, apparent_kg, degrees, file_name, known, measured, over_run,
-        phase_error_degrees, relative, settled,
+        Content, LOW_PX, MOST_TIMES, TALL_PX, Timed, apparent_kg, file_name, known, measured, over_run,
+        response_panels, settled,
     },
 };
 
@@ -70,7 +70,7 @@ fn intervals(comparison: &Comparison) -> Figure {
             let Some(found) = run.found else { continue };
             let u95 = comparison.shown_rig(number).u95(&found.budget);
             let [value, u95] = [found.value, u95].map(|one| factor * f64::from(one));
-            let points = Shape::Points(vec![(number as f64 + 1.0, value, value - u95, value + u95)]);
+            let points = Shape::Points(vec![(number as f64 + 1.0, value, u95)]);
             let colour = COLOURS[number % DRAWN];
             let is_named = panels.is_empty() && comparison.runs.len() <= DRAWN;
             layers.push(Layer { label: is_named.then(|| name(number, content)), colour, shape: points });
@@ -125,12 +125,9 @@ fn over_time(comparison: &Comparison) -> Figure {
             }
             let (low, high) = settled(&points);
             range = (range.0.min(low), range.1.max(high));
-            let since = |t_s: f64| t_s - content.run.start_s;
-            let band = points.iter().map(|(t_s, value, u95)| (since(*t_s), value - u95, value + u95)).collect();
-            let line = points.iter().map(|(t_s, value, _)| (since(*t_s), *value)).collect();
-            layers.push(Layer::unnamed(colour, Shape::Band(band)));
-            let label = panels.is_empty().then_some(name);
-            layers.push(Layer { label, colour, shape: Shape::Line(line, Stroke::Solid) });
+            let since = |(t_s, value, u95): Timed| (t_s - content.run.start_s, value, u95);
+            let shape = Shape::Band(points.into_iter().map(since).collect(), Stroke::Solid);
+            layers.push(Layer { label: panels.is_empty().then_some(name), colour, shape });
         }
         if !layers.is_empty() {
             let room = 0.02 * (range.1 - range.0).max(1e-9);
@@ -154,28 +151,18 @@ fn over_time(comparison: &Comparison) -> Figure {
 /// The measured frequency responses.
 fn bode(comparison: &Comparison) -> Figure {
     let seen: Vec<_> = laid(comparison).filter(|(content, ..)| !content.response.points.is_empty()).collect();
-    let layers = |show: &dyn Fn(&Point) -> f64, half: Half, named: bool| -> Vec<Layer> {
-        let of = |(content, name, colour): &(&Content, String, Colour)| {
-            measured(&content.response, named.then_some(name.as_str()), (*colour, Stroke::Solid), show, half)
-        };
-        seen.iter().flat_map(of).collect()
-    };
     let apparent = |point: &Point| apparent_kg(point.frequency_hz, point.response);
     let of_all = || seen.iter().flat_map(|(content, ..)| content.response.points.iter().map(apparent));
     let inertance_kg = seen.iter().map(|(content, ..)| content.model.inertance_kg.abs()).fold(1e-9, f64::max);
     let most_kg = of_all().map(|kg| 1.1 * kg).fold(1.25 * inertance_kg, f64::max).min(MOST_TIMES * inertance_kg);
-    let panel = |y: Axis, height_px, layers| Panel::new(Axis::log("Frequency [Hz]"), y, height_px, layers);
     let panels = match seen.is_empty() {
         true => Vec::new(),
-        false => vec![
-            panel(Axis::log("|F / x| [kN/m]"), TALL_PX, layers(&|point| point.response.norm() / 1e3, &relative, true)),
-            panel(Axis::new("|F / x| / w² [kg]").within(0.0, most_kg), LOW_PX, layers(&apparent, &relative, false)),
-            panel(
-                Axis::new("Phase of F / x [°]"),
-                LOW_PX,
-                layers(&|point| degrees(point.response), &phase_error_degrees, false),
-            ),
-        ],
+        false => response_panels(&Axis::log("Frequency [Hz]"), "x", most_kg, TALL_PX, |show, half| {
+            let of = |(content, name, colour): &(&Content, String, Colour)| {
+                measured(&content.response, name, (*colour, Stroke::Solid), show, half)
+            };
+            seen.iter().map(of).collect()
+        }),
     };
     let of = |input: Input| seen.iter().any(|(content, ..)| content.response.input == input);
     let over = match (of(Input::Terminal), of(Input::Screw)) {

@@ -44,11 +44,9 @@ impl Panel {
         Self { x: x.into(), y: y.into(), height_px, layers }
     }
 
-    /// The same panel without layer names, when another panel shows them.
-    #[must_use]
-    pub(crate) fn unnamed(mut self) -> Self {
+    /// Removes the layers' names, when another panel shows them.
+    pub(crate) fn unname(&mut self) {
         self.layers.iter_mut().for_each(|layer| layer.label = None);
-        self
     }
 }
 
@@ -120,10 +118,10 @@ impl Layer {
 pub enum Shape {
     /// A line through points `(x, y)`.
     Line(Vec<(f64, f64)>, Stroke),
-    /// An area from low to high: `(x, low, high)`.
-    Band(Vec<(f64, f64, f64)>),
-    /// Points with an interval: `(x, y, low, high)`.
-    Points(Vec<(f64, f64, f64, f64)>),
+    /// A line in a band, through points with the half width of their interval: `(x, y, half)`.
+    Band(Vec<(f64, f64, f64)>, Stroke),
+    /// Points with the half width of their interval: `(x, y, half)`.
+    Points(Vec<(f64, f64, f64)>),
     /// Bars from zero: `(left, right, height)`.
     Bars(Vec<(f64, f64, f64)>),
     /// A line across the panel at this `y`.

@@ -154,12 +154,15 @@ impl<DB: DrawingBackend> Drawing<'_, DB> {
             let Some(label) = &layer.label else { continue };
             let end = x + pen.units(26.0) as i32;
             match &layer.shape {
-                Shape::Line(_, stroke) | Shape::Level(_, stroke) | Shape::Instant(_, stroke) => {
+                Shape::Line(_, stroke)
+                | Shape::Band(_, stroke)
+                | Shape::Level(_, stroke)
+                | Shape::Instant(_, stroke) => {
                     let stroke = if *stroke == Stroke::Thin { Stroke::Solid } else { *stroke };
                     self.path(vec![(x, y), (end, y)], layer.colour, stroke)?;
                 }
                 Shape::Points(_) => self.dot(((x + end) / 2, y), layer.colour)?,
-                Shape::Band(_) | Shape::Bars(_) | Shape::Span(..) => {
+                Shape::Bars(_) | Shape::Span(..) => {
                     let half = pen.units(5.0) as i32;
                     self.area((x, y - half), (end, y + half), layer)?;
                 }
@@ -187,29 +190,29 @@ impl<DB: DrawingBackend> Drawing<'_, DB> {
         // A line that leaves the panel vertically is broken: clipped to the edge it would look like data.
         let shown = |point: &(f64, f64)| inside(point) && within(y, point.1);
         let pixel = |point: (f64, f64)| plot.map_coordinate(&(point.0, point.1.clamp(y.start, y.end)));
+        let line = |points: &[(f64, f64)], stroke: Stroke| {
+            let mut runs = points.split(|point| !shown(point));
+            runs.try_for_each(|run| self.path(self.thin(run, panel, x, pixel), layer.colour, stroke))
+        };
         match &layer.shape {
-            Shape::Line(points, stroke) => {
-                for run in points.split(|point| !shown(point)) {
-                    self.path(self.thin(run, panel, x, pixel), layer.colour, *stroke)?;
-                }
-            }
-            Shape::Band(points) => {
-                let whole = |(x, low, high): &(f64, f64, f64)| inside(&(*x, *low)) && high.is_finite();
+            Shape::Line(points, stroke) => line(points, *stroke)?,
+            Shape::Band(points, stroke) => {
+                let whole = |(x, y, half): &(f64, f64, f64)| inside(&(*x, y - half)) && (y + half).is_finite();
                 for run in points.split(|point| !whole(point)) {
-                    let side = |high: bool| -> Vec<_> {
-                        run.iter().map(|point| (point.0, if high { point.2 } else { point.1 })).collect()
-                    };
-                    let mut outline = self.thin(&side(true), panel, x, pixel);
-                    outline.extend(self.thin(&side(false), panel, x, pixel).into_iter().rev());
+                    let side = |sign: f64| -> Vec<_> { run.iter().map(|(x, y, half)| (*x, y + sign * half)).collect() };
+                    let mut outline = self.thin(&side(1.0), panel, x, pixel);
+                    outline.extend(self.thin(&side(-1.0), panel, x, pixel).into_iter().rev());
                     if outline.len() > 2 {
                         self.root.draw(&Polygon::new(outline, faint(layer.colour)))?;
                     }
                 }
+                line(&points.iter().map(|point| (point.0, point.1)).collect::<Vec<_>>(), *stroke)?;
             }
             Shape::Points(points) => {
-                for (at, value, low, high) in points.iter().filter(|point| shown(&(point.0, point.1))) {
-                    if low.is_finite() && high.is_finite() {
-                        let ends = vec![pixel((*at, *low)), pixel((*at, *high))];
+                for (at, value, half) in points.iter().filter(|point| shown(&(point.0, point.1))) {
+                    let ends = [value - half, value + half];
+                    if ends.iter().all(|end| end.is_finite()) {
+                        let ends = ends.map(|end| pixel((*at, end))).to_vec();
                         self.path(ends, layer.colour, Stroke::Thin)?;
                     }
                     self.dot(pixel((*at, *value)), layer.colour)?;
@@ -287,7 +290,7 @@ fn faint(of: Colour) -> ShapeStyle {
 fn ranges(panel: &Panel) -> [(f64, f64); 2] {
     let corners: Vec<_> = panel.layers.iter().flat_map(|layer| corners(&layer.shape)).collect();
     let abscissas = || corners.iter().map(|(x, _)| *x).filter(|x| x.is_finite());
-    let is_line = panel.layers.iter().any(|layer| matches!(layer.shape, Shape::Line(..)));
+    let is_line = panel.layers.iter().any(|layer| matches!(layer.shape, Shape::Line(..) | Shape::Band(..)));
     let across = panel.x.range.unwrap_or_else(|| {
         let ends = ends(abscissas());
         // Lines over time begin and end at the panel's edges.
@@ -306,9 +309,8 @@ fn ranges(panel: &Panel) -> [(f64, f64); 2] {
 fn corners(shape: &Shape) -> Vec<(f64, f64)> {
     match shape {
         Shape::Line(points, _) => points.clone(),
-        Shape::Band(points) => points.iter().flat_map(|(x, low, high)| [(*x, *low), (*x, *high)]).collect(),
-        Shape::Points(points) => {
-            points.iter().flat_map(|(x, y, low, high)| [(*x, *y), (*x, *low), (*x, *high)]).collect()
+        Shape::Band(points, _) | Shape::Points(points) => {
+            points.iter().flat_map(|(x, y, half)| [(*x, *y), (*x, y - half), (*x, y + half)]).collect()
         }
         Shape::Bars(bars) => {
             bars.iter().flat_map(|(left, right, height)| [(*left, *height), (*right, *height)]).collect()

@@ -3,13 +3,13 @@ use super::*;
 fn wave(count: usize) -> Figure {
     let points: Vec<_> =
         (0..count).map(|n| n as f64 * 1e-3).map(|t| (t, (20.0 * t).sin() + (3e3 * t).cos() * 0.1)).collect();
-    let band = points.iter().step_by(100).map(|(t, y)| (*t, y - 0.2, y + 0.2)).collect();
+    let band = points.iter().map(|(t, y)| (*t, *y, 0.2)).collect();
     let panel = Panel {
         x: Axis::new("Time [s]"),
         y: Axis::new("Force [N]"),
         height_px: 200,
         layers: vec![
-            Layer::unnamed(Colour::Blue, Shape::Band(band)),
+            Layer::unnamed(Colour::Blue, Shape::Band(band, Stroke::Thin)),
             Layer::new("measured & more", Colour::Blue, Shape::Line(points, Stroke::Thin)),
             Layer::new("model", Colour::Vermilion, Shape::Level(0.5, Stroke::Dashed)),
         ],

@@ -22,7 +22,7 @@ const MOST_POINTS: usize = 60;
 pub(crate) const MOST_TIMES: f64 = 3.0;
 
 /// Converts a response at a frequency to the quantity shown.
-type Show<'a> = &'a dyn Fn(f64, Complex<f64>) -> f64;
+pub(crate) type Show<'a> = &'a dyn Fn(f64, Complex<f64>) -> f64;
 /// Half width of the interval of the quantity shown, at a point.
 pub(crate) type Half<'a> = &'a dyn Fn(f64, &response::Point) -> f64;
 
@@ -32,12 +32,12 @@ pub fn degrees(response: Complex<f64>) -> f64 {
     if degrees < -90.0 { degrees + 360.0 } else { degrees }
 }
 
-/// Points `(x, y, low, high)`, with a break where their spacing is wider than the smallest.
-fn broken_where_points_miss(points: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64, f64, f64)> {
+/// Points `(x, y, half)`, with a break where their spacing is wider than the smallest.
+fn broken_where_points_miss(points: &[(f64, f64, f64)]) -> Vec<(f64, f64, f64)> {
     let steps = || points.iter().zip(points.iter().skip(1)).map(|(before, after)| after.0 - before.0);
     let least = steps().fold(f64::INFINITY, f64::min);
     let breaks = std::iter::once(false).chain(steps().map(|step| step > 1.5 * least));
-    let nothing = (f64::NAN, f64::NAN, f64::NAN, f64::NAN);
+    let nothing = (f64::NAN, f64::NAN, f64::NAN);
     points
         .iter()
         .zip(breaks)
@@ -46,12 +46,12 @@ fn broken_where_points_miss(points: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64, f
 }
 
 /// Half width of a magnitude's interval.
-pub(crate) fn relative(value: f64, point: &response::Point) -> f64 {
+fn relative(value: f64, point: &response::Point) -> f64 {
     value * point.error
 }
 
 /// Half width of a phase's interval \[°\].
-pub(crate) fn phase_error_degrees(_: f64, point: &response::Point) -> f64 {
+fn phase_error_degrees(_: f64, point: &response::Point) -> f64 {
     point.phase_error_rad() * 180.0 / PI
 }
 
@@ -63,23 +63,47 @@ pub(crate) fn apparent_kg(frequency_hz: f64, response: Complex<f64>) -> f64 {
 /// The measured response with its intervals: single points if there are few, otherwise a line in a band.
 pub(crate) fn measured(
     response: &Response,
-    name: Option<&str>,
+    name: &str,
     (colour, stroke): (Colour, Stroke),
-    show: &dyn Fn(&response::Point) -> f64,
+    show: Show,
     half: Half,
-) -> Vec<Layer> {
-    let all = response.points.iter().map(|point| {
-        let value = show(point);
-        (point.frequency_hz, value, value - half(value, point), value + half(value, point))
+) -> Layer {
+    let points = response.points.iter().map(|point| {
+        let value = show(point.frequency_hz, point.response);
+        (point.frequency_hz, value, half(value, point))
     });
-    let layer = |shape| Layer { label: name.map(str::to_string), colour, shape };
-    if response.points.len() <= MOST_POINTS {
-        return vec![layer(Shape::Points(all.collect()))];
-    }
-    let points = broken_where_points_miss(&all.collect::<Vec<_>>());
-    let band = points.iter().map(|point| (point.0, point.2, point.3)).collect();
-    let line = points.iter().map(|point| (point.0, point.1)).collect();
-    vec![Layer::unnamed(colour, Shape::Band(band)), layer(Shape::Line(line, stroke))]
+    let points: Vec<_> = points.collect();
+    let shape = if points.len() <= MOST_POINTS {
+        Shape::Points(points)
+    } else {
+        Shape::Band(broken_where_points_miss(&points), stroke)
+    };
+    Layer::new(name, colour, shape)
+}
+
+/// Force over displacement, the apparent mass up to `most_kg`, and the phase, each with its layers; only the first
+/// panel names them.
+pub(crate) fn response_panels(
+    x: &Axis,
+    over: &str,
+    most_kg: f64,
+    tall_px: u32,
+    layers: impl Fn(Show, Half) -> Vec<Layer>,
+) -> Vec<Panel> {
+    let kilonewtons = |_: f64, response: Complex<f64>| response.norm() / 1e3;
+    let phase = |_: f64, response: Complex<f64>| degrees(response);
+    let panel = |y: Axis, height_px, layers| Panel::new(x.clone(), y, height_px, layers);
+    let mut panels = vec![
+        panel(Axis::log(format!("|F / {over}| [kN/m]")), tall_px, layers(&kilonewtons, &relative)),
+        panel(
+            Axis::new(format!("|F / {over}| / w² [kg]")).within(0.0, most_kg),
+            LOW_PX,
+            layers(&apparent_kg, &relative),
+        ),
+        panel(Axis::new(format!("Phase of F / {over} [°]")), LOW_PX, layers(&phase, &phase_error_degrees)),
+    ];
+    panels.iter_mut().skip(1).for_each(Panel::unname);
+    panels
 }
 
 /// Measured, ideal and complete response.
@@ -94,10 +118,8 @@ pub(super) fn bode(content: &Content) -> Made {
     }
     let (low_hz, high_hz) =
         if high_hz < 4.0 * low_hz { (low_hz / 8.0, high_hz * 8.0) } else { (low_hz / 1.3, high_hz * 1.3) };
-    let curve = |of: &dyn Fn(f64) -> Complex<f64>, show: Show| {
-        let step = (high_hz / low_hz).powf(1.0 / 400.0);
-        (0..=400).map(|n| low_hz * step.powi(n)).map(|f| (f, show(f, of(f)))).collect()
-    };
+    let step = (high_hz / low_hz).powf(1.0 / 400.0);
+    let frequencies: Vec<f64> = (0..=400).map(|n| low_hz * step.powi(n)).collect();
     let complete = |f: f64| model(&content.model, response.input, f);
     let rubbing = Parameters {
         viscous_n_s_per_m: content.model.viscous_n_s_per_m + content.equivalent_viscous.unwrap_or(0.0),
@@ -105,41 +127,28 @@ pub(super) fn bode(content: &Content) -> Made {
     };
     let with_friction = |f: f64| model(&rubbing, response.input, f);
     let perfect = |f: f64| ideal(content.model.inertance_kg, f);
-    let measured = |show: Show, half: Half| {
-        let show = |point: &response::Point| show(point.frequency_hz, point.response);
-        measured(response, Some("measured"), (Colour::Blue, Stroke::Wide), &show, half)
-    };
     let has_friction = content.equivalent_viscous.is_some() && content.law.coulomb_n.abs() > 0.0;
-    let models = |show: Show| {
-        let mut layers = vec![
-            Layer::line("ideal", Colour::Ink, curve(&perfect, show), Stroke::Solid),
-            Layer::line("complete", Colour::Vermilion, curve(&complete, show), Stroke::Dashed),
-        ];
-        if has_friction {
-            let label = "complete, with dry friction";
-            layers.push(Layer::line(label, Colour::Green, curve(&with_friction, show), Stroke::Dashed));
-        }
-        layers
-    };
     let (over, displacement) = match response.input {
         Input::Terminal => ("x1", "the terminal"),
         Input::Screw => ("x2", "the screw, by the encoder"),
     };
-    let panel = |y: Axis, height_px, show: Show, half: Half| {
-        let x = Axis::log("Frequency [Hz]").within(low_hz, high_hz);
-        Panel::new(x, y, height_px, [measured(show, half), models(show)].concat())
-    };
-    let kilonewtons = |_: f64, response: Complex<f64>| response.norm() / 1e3;
-    let phase = |_: f64, response: Complex<f64>| degrees(response);
     let apparent = response.points.iter().map(|point| apparent_kg(point.frequency_hz, point.response));
     let most = apparent.fold(1.25, |most, kg| f64::max(most, 1.1 * kg / content.model.inertance_kg)).min(MOST_TIMES);
     let most_kg = most * content.model.inertance_kg.abs().max(1e-3);
-    let panels = vec![
-        panel(Axis::log(format!("|F / {over}| [kN/m]")), TALL_PX - 20, &kilonewtons, &relative),
-        panel(Axis::new(format!("|F / {over}| / w² [kg]")).within(0.0, most_kg), LOW_PX, &apparent_kg, &relative)
-            .unnamed(),
-        panel(Axis::new(format!("Phase of F / {over} [°]")), LOW_PX, &phase, &phase_error_degrees).unnamed(),
-    ];
+    let x = Axis::log("Frequency [Hz]").within(low_hz, high_hz);
+    let panels = response_panels(&x, over, most_kg, TALL_PX - 20, |show, half| {
+        let curve = |of: &dyn Fn(f64) -> Complex<f64>| frequencies.iter().map(|f| (*f, show(*f, of(*f)))).collect();
+        let mut layers = vec![
+            measured(response, "measured", (Colour::Blue, Stroke::Wide), show, half),
+            Layer::line("ideal", Colour::Ink, curve(&perfect), Stroke::Solid),
+            Layer::line("complete", Colour::Vermilion, curve(&complete), Stroke::Dashed),
+        ];
+        if has_friction {
+            let label = "complete, with dry friction";
+            layers.push(Layer::line(label, Colour::Green, curve(&with_friction), Stroke::Dashed));
+        }
+        layers
+    });
     let how = match response.method {
         Method::Tones => format!(
             "{} in force and displacement, with the 95 % interval by their scatter over pieces of the run",

@@ -9,7 +9,7 @@ use inerter_analysis::{
     results::{Replayed, replayed},
     told::Told,
 };
-use inerter_core::{Change, Detail, Estimate, Parameter, Reversal, Settings, Warning, WarningKind};
+use inerter_core::{Change, Parameter, Reversal, Settings, Warning, WarningKind};
 use inerter_data::{gated::Gated, replay::Outcome, run::Run, series::Series, settings::SettingsInputError};
 use inerter_wire::{Estimated, EstimatorEvent};
 
@@ -18,17 +18,6 @@ const ROWS: usize = 2;
 const CLOSE_ROWS: usize = 16;
 /// Periods of the motion in the close-up.
 const CLOSE_PERIODS: f64 = 5.0;
-
-/// An estimate during the run.
-#[derive(Clone, Copy, Debug)]
-pub struct Moment {
-    /// Time \[s\].
-    pub t_s: f64,
-    /// The estimate.
-    pub estimate: Estimate,
-    /// Its detail.
-    pub detail: Option<Detail>,
-}
 
 /// Contents of a run's page.
 #[derive(Clone, Debug)]
@@ -39,8 +28,8 @@ pub struct Content {
     pub duration_s: f64,
     /// Its result.
     pub replayed: Replayed,
-    /// The estimates during the run.
-    pub moments: Vec<Moment>,
+    /// The estimates during the run, with their times \[s\].
+    pub moments: Vec<(f64, Estimated)>,
     /// Accepted reversals with their times \[s\].
     pub reversals: Vec<(f64, Reversal)>,
     /// Changes of the device with their times \[s\].
@@ -75,8 +64,8 @@ impl Content {
                 EstimatorEvent::Reversal(reversal) => reversals.push((t_s, reversal)),
                 EstimatorEvent::Changed(change) => changes.push((t_s, change)),
                 EstimatorEvent::Warned(warning) => warnings.push((t_s, warning)),
-                EstimatorEvent::Estimate(Estimated { estimate, detail, .. }) => {
-                    moments.push(Moment { t_s, estimate, detail });
+                EstimatorEvent::Estimate(estimated) => {
+                    moments.push((t_s, estimated));
                     progress(0.5 * (t_s - start_s) / duration_s.max(1e-9));
                 }
             }

@@ -8,10 +8,13 @@ use inerter_data::{
     text::{backlash_text, force_text, value_text},
     words::{interval_text, plural},
 };
-use inerter_wire::catalogue::{self, Group};
+use inerter_wire::{
+    Estimated,
+    catalogue::{self, Group},
+};
 
 use super::{
-    Content, Moment, PageError,
+    Content, PageError,
     bode::bode,
     layout::{LOW_PX, Made, TALL_PX},
 };
@@ -41,22 +44,23 @@ impl Kind {
 
     /// Its name on the command line and in file names.
     pub const fn name(self) -> &'static str {
-        self.words().0
+        self.parts().0
     }
 
     /// Its heading.
     pub const fn heading(self) -> &'static str {
-        self.words().1
+        self.parts().1
     }
 
-    const fn words(self) -> (&'static str, &'static str) {
+    /// Name, heading, and what draws it.
+    const fn parts(self) -> (&'static str, &'static str, fn(&Content) -> Made) {
         match self {
-            Self::Force => ("force", "Force against the law"),
-            Self::Loop => ("loop", "Force over displacement"),
-            Self::Residual => ("residual", "Residual of the law"),
-            Self::Parameters => ("parameters", "Parameters over time"),
-            Self::Backlash => ("backlash", "Backlash by reversal"),
-            Self::Bode => ("bode", "Frequency response"),
+            Self::Force => ("force", "Force against the law", force),
+            Self::Loop => ("loop", "Force over displacement", hysteresis),
+            Self::Residual => ("residual", "Residual of the law", residual),
+            Self::Parameters => ("parameters", "Parameters over time", parameters),
+            Self::Backlash => ("backlash", "Backlash by reversal", backlash),
+            Self::Bode => ("bode", "Frequency response", bode),
         }
     }
 }
@@ -68,19 +72,11 @@ const BARS: (f64, f64) = (8.0, 40.0);
 
 /// One figure of a run, or why it has none.
 pub fn figure(content: &Content, kind: Kind) -> Result<Figure, PageError> {
-    let made = match kind {
-        Kind::Force => force(content),
-        Kind::Loop => hysteresis(content),
-        Kind::Residual => residual(content),
-        Kind::Parameters => parameters(content),
-        Kind::Backlash => backlash(content),
-        Kind::Bode => bode(content),
-    };
-    let (name, heading) = kind.words();
+    let (name, heading, draw) = kind.parts();
     let file = &content.run.name;
     let words = |text: &str| description(content.run.settings.machine, text);
-    let (caption, mut panels) =
-        made.map_err(|reason| PageError::NotShown { file: file.clone(), figure: name, reason: words(&reason) })?;
+    let (caption, mut panels) = draw(content)
+        .map_err(|reason| PageError::NotShown { file: file.clone(), figure: name, reason: words(&reason) })?;
     for panel in &mut panels {
         let layers = panel.layers.iter_mut().filter_map(|layer| layer.label.as_mut());
         for label in layers.chain([&mut panel.x.label, &mut panel.y.label]) {
@@ -255,8 +251,8 @@ pub(crate) type Timed = (f64, f64, f64);
 /// A parameter over a run, by its index.
 pub(crate) fn over_run(content: &Content, number: usize) -> Vec<Timed> {
     let machine = content.run.settings.machine;
-    let of = |moment: &Moment| catalogue::parameters(machine, &moment.estimate.recent).nth(number);
-    content.moments.iter().filter_map(|moment| Some(timed(moment.t_s, of(moment)?.1.known(), 1.0))).collect()
+    let of = |found: &Estimated| catalogue::parameters(machine, &found.estimate.recent).nth(number);
+    content.moments.iter().filter_map(|(t_s, found)| Some(timed(*t_s, of(found)?.1.known(), 1.0))).collect()
 }
 
 /// A value at a time, converted by `factor` to the unit shown.
@@ -292,12 +288,12 @@ fn parameters(content: &Content) -> Made {
         let whole = whole.map(|(_, parameter)| value_text(&parameter)).unwrap_or_default();
         let label = format!("{} [{}]", field.symbol, field.unit);
         let title = format!("{}, whole run {whole} {}", field.label, field.unit);
-        panels.push(over_time(content, label, title, &points, Colour::Blue, truth));
+        panels.push(over_time(content, label, title, points, Colour::Blue, truth));
     }
     let widths: Vec<Timed> = content
         .moments
         .iter()
-        .filter_map(|moment| Some(timed(moment.t_s, moment.detail?.backlash.known(), 1e6)))
+        .filter_map(|(t_s, found)| Some(timed(*t_s, found.detail?.backlash.known(), 1e6)))
         .collect();
     if widths.iter().filter(|point| point.1.is_finite()).count() > 1 {
         let text = format!(
@@ -306,7 +302,7 @@ fn parameters(content: &Content) -> Made {
             catalogue::unit(machine, "µm")
         );
         let truth = truth_line(content, "backlash_m", 1e6);
-        panels.push(over_time(content, "eps [µm]".into(), text, &widths, Colour::Purple, truth));
+        panels.push(over_time(content, "eps [µm]".into(), text, widths, Colour::Purple, truth));
     }
     if panels.is_empty() {
         return Err("the motion identifies no parameter for long enough".into());
@@ -345,17 +341,13 @@ fn over_time(
     content: &Content,
     label: String,
     title: String,
-    points: &[Timed],
+    points: Vec<Timed>,
     colour: Colour,
     truth: Vec<(f64, f64)>,
 ) -> Panel {
-    let (low, high) = settled(points);
+    let (low, high) = settled(&points);
     let start = content.run.start_s;
-    let band = points.iter().map(|(t_s, value, u95)| (*t_s, value - u95, value + u95)).collect();
-    let mut layers = vec![
-        Layer::unnamed(colour, Shape::Band(band)),
-        Layer::line(title, colour, points.iter().map(|point| (point.0, point.1)).collect(), Stroke::Solid),
-    ];
+    let mut layers = vec![Layer::new(title, colour, Shape::Band(points, Stroke::Solid))];
     if truth.iter().any(|(_, value)| (low..=high).contains(value)) {
         layers.push(Layer::line("truth", Colour::Ink, truth, Stroke::Dashed));
     }
@@ -403,11 +395,7 @@ fn backlash(content: &Content) -> Made {
         layers.push(Layer::new("truth", Colour::Ink, Shape::Instant(truth * 1e6, Stroke::Dashed)));
     }
     let every = micrometres.len().div_ceil(MOST_REVERSALS);
-    let points = micrometres
-        .iter()
-        .step_by(every)
-        .map(|(t_s, value, error)| (*t_s, *value, value - error, value + error))
-        .collect();
+    let points = micrometres.iter().step_by(every).copied().collect();
     let panels = vec![
         Panel::new("Backlash by one reversal [µm]", "Reversals", LOW_PX + 30, layers),
         Panel::new(

@@ -12,11 +12,11 @@ mod layout;
 mod limits;
 
 pub use bode::degrees;
-pub(crate) use bode::{Half, MOST_TIMES, apparent_kg, measured, phase_error_degrees, relative};
-pub use content::{Content, Moment};
+pub(crate) use bode::{MOST_TIMES, apparent_kg, measured, response_panels};
+pub use content::Content;
 pub use error::PageError;
 pub use figures::{Kind, figure};
-pub(crate) use figures::{known, over_run, settled};
+pub(crate) use figures::{Timed, known, over_run, settled};
 pub use html::html;
 pub(crate) use html::{calibration_text, device_text, file_name, notes_of};
 pub(crate) use layout::{LOW_PX, TALL_PX};

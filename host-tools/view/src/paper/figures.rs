@@ -86,10 +86,7 @@ fn bode(paper: &Reproduction) -> Figure {
     let perfect = |f: f64| ideal(paper.model.inertance_kg, f);
     let measured = |show: fn(Complex<f64>) -> f64, half: fn(f64) -> f64| {
         let points = paper.tests.iter().filter_map(|test| test.response);
-        let shown = points.map(|point| {
-            let (value, half) = (show(point.response), half(point.error.min(0.99)));
-            (point.frequency_hz * TAU, value, value - half, value + half)
-        });
+        let shown = points.map(|point| (point.frequency_hz * TAU, show(point.response), half(point.error.min(0.99))));
         Shape::Points(shown.collect())
     };
     let (from, to) = PUBLISHED_BAND_RAD_PER_S;
@@ -106,10 +103,11 @@ fn bode(paper: &Reproduction) -> Figure {
     };
     let x = || Axis::log("Angular frequency [rad/s]").within(low, high);
     let phase = Axis::new("Phase of F / x1 [°]").within(-20.0, 200.0);
-    let panels = vec![
+    let mut panels = vec![
         Panel::new(x(), "|F / x1| [dB re 1 N/m]", 290, layers(decibels, |part| 20.0 * (1.0 + part).log10())),
-        Panel::new(x(), phase, 210, layers(degrees, |part| part.asin() * 180.0 / PI)).unnamed(),
+        Panel::new(x(), phase, 210, layers(degrees, |part| part.asin() * 180.0 / PI)),
     ];
+    panels.iter_mut().skip(1).for_each(Panel::unname);
     let caption = "The paper's figure 11, (a) magnitude and (b) phase of the force over the terminal's displacement: the ideal mass, and the complete model with the \
                    values that were found, without structure mass. The points are measured in the three tests, with the dry friction that neither curve has: \
                    at 0.333 rad/s it is nearly all of the force. A phase of 180° is that of an inertance.";
