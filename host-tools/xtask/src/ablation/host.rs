@@ -27,13 +27,9 @@ const FOLDER: &str = "host-tools/analysis/src/diagnose";
 const PARTS: &[Heuristic] = &[
     one(
         "reversals are located anew by what was found",
-<<<<<<< HEAD
         "search.rs",
-        "Located::of(aligned, self.law, &known(&self.found))",
-        "Located::of(aligned, self.law, &[])",
-=======
-        &[("search.rs", "Rows::of(aligned, self.law, &self.found,", "Rows::of(aligned, self.law, &[],")],
->>>>>>> less-analysis2
+        "Rows::of(aligned, self.law, &self.found,",
+        "Rows::of(aligned, self.law, &[],",
     ),
     one(
         "rows are whitened",
@@ -85,17 +81,9 @@ const PARTS: &[Heuristic] = &[
     ),
     one(
         "a size must be physically plausible",
-<<<<<<< HEAD
         "candidate.rs",
-        "let coulomb_n = law.coulomb_n.max(0.0);",
-        "let coulomb_n = law.coulomb_n.max(0.0);\n        if coulomb_n >= 0.0 {\n            return true;\n        }",
-=======
-        &[(
-            "candidate.rs",
-            "let coulomb_n = coulomb_n.max(0.0);",
-            "let coulomb_n = coulomb_n.max(0.0);\n        if coulomb_n >= 0.0 {\n            return true;\n        }",
-        )],
->>>>>>> less-analysis2
+        "let coulomb_n = coulomb_n.max(0.0);",
+        "let coulomb_n = coulomb_n.max(0.0);\n        if coulomb_n >= 0.0 {\n            return true;\n        }",
     ),
     one("what comes close is tried as well", "search.rs", "const CLOSE: f64 = 0.5;", "const CLOSE: f64 = 2.0;"),
     one(
@@ -186,13 +174,9 @@ const PARTS: &[Heuristic] = &[
     tested(
         "in_a_tone_inertance_rests_on_a_position_that_does_not_give_way",
         "a position that gives way may be assumed",
-<<<<<<< HEAD
         "candidate.rs",
-        "all.push(Self { kind: Kind::Compliance, term: Term::Bent });",
+        "all.push(Self::Bent);",
         "",
-=======
-        &[("candidate.rs", "all.push(Self::Bent);", "")],
->>>>>>> less-analysis2
     ),
     one(
         "a skew and what acts at the reversals widen nothing",
