@@ -118,7 +118,20 @@ impl DeviceError {
     /// True when waiting for the device to come back may help.
     pub fn may_come_back(&self) -> bool {
         // A missing permission too: a port that has just come back belongs to root until udev has processed it.
-        !matches!(self, Self::SeveralFound { .. } | Self::Interrupted | Self::WireVersion { .. } | Self::Refused { .. })
+        match self {
+            Self::NoneFound { .. }
+            | Self::Missing { .. }
+            | Self::Permission { .. }
+            | Self::Busy { .. }
+            | Self::Open { .. }
+            | Self::Connect { .. }
+            | Self::TurnedAway { .. }
+            | Self::Silent { .. }
+            | Self::NoReply { .. }
+            | Self::Flood { .. }
+            | Self::Vanished { .. } => true,
+            Self::SeveralFound { .. } | Self::Interrupted | Self::WireVersion { .. } | Self::Refused { .. } => false,
+        }
     }
 }
 

@@ -28,8 +28,11 @@ struct Cell {
     name: String,
     rms: f64,
     u95: f64,
-    /// Silent, outside, given, broken and named.
-    counts: [u32; 5],
+    silent: u32,
+    outside: u32,
+    given: u32,
+    broken: u32,
+    named: u32,
 }
 
 type Cells = Vec<Cell>;
@@ -94,7 +97,11 @@ fn cells(output: &str) -> Result<Cells> {
             name: format!("{cell}, {parameter}"),
             rms: rms.parse()?,
             u95: u95.parse()?,
-            counts: [count(silent)?, count(outside)?, count(given)?, broken, named],
+            silent: count(silent)?,
+            outside: count(outside)?,
+            given: count(given)?,
+            broken,
+            named,
         })
     });
     each.collect()
@@ -111,7 +118,7 @@ fn line(name: &str, whole: &Cells, without: &Cells, test: Option<&str>) -> Resul
         let floor = FLOOR * before.u95;
         let factor = (after.rms + floor) / (before.rms + floor);
         let width = after.u95 / before.u95;
-        let is_given = [before, after].iter().all(|cell| cell.counts[2] > 0);
+        let is_given = [before, after].iter().all(|cell| cell.given > 0);
         if !(is_given && factor.is_finite() && width.is_finite() && factor > 0.0 && width > 0.0) {
             continue;
         }
@@ -123,8 +130,15 @@ fn line(name: &str, whole: &Cells, without: &Cells, test: Option<&str>) -> Resul
         }
     }
     let [error, u95] = [logarithms, widths].map(|sum| f64::exp(sum / f64::max(count, 1.0)));
-    let sum = |cells: &Cells, place: usize| cells.iter().map(|cell| cell.counts[place]).sum::<u32>();
-    let counts = [0, 1, 2, 3, 4].map(|place| [sum(whole, place), sum(without, place)]);
+    let sums = |count: fn(&Cell) -> u32| [whole, without].map(|cells| cells.iter().map(count).sum::<u32>());
+    // In the order of the table.
+    let counts = [
+        sums(|cell| cell.silent),
+        sums(|cell| cell.outside),
+        sums(|cell| cell.given),
+        sums(|cell| cell.broken),
+        sums(|cell| cell.named),
+    ];
     let more = counts.map(|[before, after]| i64::from(after) - i64::from(before));
     let [silent, outside, given, broken, named] = more;
     let all = [

@@ -111,7 +111,7 @@ pub fn run(options: &Options) -> Result<()> {
             // Without time nothing is fuzzed.
             if options.seconds > 0 {
                 let of = if options.ours { ", our crates" } else { "" };
-                kept::add(&format!("{name}{of}"), session.figures(), &commit)?;
+                kept::add(&format!("{name}{of}"), session.figures(&commit))?;
             }
             // Judged by our edges, inputs that reach those of libraries would be dropped.
             if session.finding.is_none() && !options.ours {
@@ -188,10 +188,15 @@ impl Session {
     }
 
     /// For the table of all runs.
-    fn figures(&self) -> kept::Figures {
-        let Self { inputs, seconds, edges: [half, end], samples, finding } = self;
-        let findings = u64::from(finding.is_some());
-        [Some(*inputs), *samples, Some(seconds.round() as u64), Some(*half), Some(*end), Some(findings)]
+    fn figures(&self, commit: &str) -> kept::Figures {
+        kept::Figures {
+            inputs: self.inputs,
+            samples: self.samples,
+            seconds: self.seconds.round() as u64,
+            edges: self.edges,
+            findings: u64::from(self.finding.is_some()),
+            commit: commit.to_owned(),
+        }
     }
 }
 

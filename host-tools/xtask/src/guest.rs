@@ -261,15 +261,23 @@ impl Modules {
     }
 
     /// These modules with all their dependencies, each after those it needs.
-    fn order(&self, wanted: &[impl AsRef<str>]) -> Result<Vec<String>> {
-        let mut order = Vec::new();
-        for name in wanted.iter().map(|name| name.as_ref().to_owned()).filter(|name| !self.builtin.contains(name)) {
-            let needs = self.order(&needs(&self.load(&name)?))?;
-            order.extend(needs.into_iter().chain([name]));
+    fn order(&self, wanted: &[&str]) -> Result<Vec<String>> {
+        let (mut visited, mut order) = (self.builtin.iter().cloned().collect(), Vec::new());
+        for name in wanted {
+            self.visit(name, &mut visited, &mut order)?;
         }
-        let mut known = BTreeSet::new();
-        order.retain(|name| known.insert(name.clone()));
         Ok(order)
+    }
+
+    /// Adds a module after those it needs, unless it was visited.
+    fn visit(&self, name: &str, visited: &mut BTreeSet<String>, order: &mut Vec<String>) -> Result<()> {
+        if visited.insert(name.to_owned()) {
+            for needed in needs(&self.load(name)?) {
+                self.visit(&needed, visited, order)?;
+            }
+            order.push(name.to_owned());
+        }
+        Ok(())
     }
 }
 
@@ -419,11 +427,13 @@ mod tests {
             ("lib/modules/1.0/kernel/drivers/cdc-acm.ko", "\0depends=usbcore\0"),
             ("lib/modules/1.0/kernel/drivers/usbcore.ko", "\0depends=usb-common,crc\0"),
             ("lib/modules/1.0/kernel/drivers/usb-common.ko", "\0depends=\0"),
-            ("lib/modules/1.0/kernel/drivers/other.ko", "\0depends=\0"),
+            ("lib/modules/1.0/kernel/drivers/one.ko", "\0depends=other\0"),
+            ("lib/modules/1.0/kernel/drivers/other.ko", "\0depends=one\0"),
             ("lib/modules/1.0/modules.builtin", "kernel/lib/crc.ko\n"),
         ]);
         let modules = Modules::read(&fixture.0, "1.0").expect("modules");
         assert_eq!(modules.order(&["cdc_acm", "usb_common"]).expect("all there"), ["usb_common", "usbcore", "cdc_acm"]);
+        assert_eq!(modules.order(&["one"]).expect("a circle"), ["other", "one"]);
         let missing = modules.order(&["vhci_hcd"]).expect_err("not there");
         assert!(missing.to_string().contains("vhci_hcd"));
     }

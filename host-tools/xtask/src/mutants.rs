@@ -127,6 +127,13 @@ fn is_sample(name: &str) -> bool {
     name.starts_with(SAMPLE)
 }
 
+/// What one pass finds out about its mutants: lines with file, position and change.
+struct Outcomes {
+    /// Caught by a test that failed or never ended.
+    caught: Vec<String>,
+    missed: Vec<String>,
+}
+
 /// Results for the mutants of one file, or of a sample.
 #[derive(Debug, Default, PartialEq)]
 struct Tested {
@@ -240,13 +247,13 @@ impl Package {
         let (mut tested, mut missed) = (Tested { sum, ..Tested::default() }, None);
         for pass in self.passes() {
             if missed.as_ref().is_none_or(|missed: &Vec<String>| !missed.is_empty()) {
-                let [caught, left] = self.pass(&pass, scope, &folder, missed.as_deref(), sound)?;
+                let outcomes = self.pass(&pass, scope, &folder, missed.as_deref(), sound)?;
                 if pass.is_empty() && !self.goldens.is_empty() {
-                    tested.golden = scope.without_places(&caught);
+                    tested.golden = scope.without_places(&outcomes.caught);
                 } else {
-                    tested.caught += caught.len();
+                    tested.caught += outcomes.caught.len();
                 }
-                missed = Some(left);
+                missed = Some(outcomes.missed);
             }
         }
         let survived = scope.without_places(&missed.unwrap_or_default());
@@ -262,7 +269,7 @@ impl Package {
         Ok(())
     }
 
-    /// Runs one pass on these mutants, all of them or some: those caught, and those missed.
+    /// Runs one pass on these mutants, all of them or some.
     fn pass(
         &self,
         skipped: &Skipped,
@@ -270,7 +277,7 @@ impl Package {
         folder: &Path,
         only: Option<&[String]>,
         sound: &mut BTreeSet<Skipped>,
-    ) -> Result<[Vec<String>; 2]> {
+    ) -> Result<Outcomes> {
         let mut command = tool::MUTANTS.command()?;
         command.arg("--in-place");
         command.args(["--package", &format!("inerter-{}", self.name), "--no-shuffle"]);
@@ -290,10 +297,12 @@ impl Package {
         let mut outcomes = outcomes(&folder.join(self.name).join("mutants.out"))?;
         if let Some(only) = only {
             // No expression can select struct fields that are omitted, so all of those were tried.
-            outcomes.iter_mut().for_each(|lines| lines.retain(|line| only.contains(line)));
+            for lines in [&mut outcomes.caught, &mut outcomes.missed] {
+                lines.retain(|line| only.contains(line));
+            }
         }
         // If there is no mutant, no test has run.
-        if outcomes.iter().any(|lines| !lines.is_empty()) {
+        if !(outcomes.caught.is_empty() && outcomes.missed.is_empty()) {
             sound.insert(skipped.clone());
         }
         Ok(outcomes)
@@ -312,9 +321,8 @@ fn with_limits(command: Command) -> Command {
     limited
 }
 
-/// What `cargo-mutants` left in this folder, lines with file, position and change: the mutants caught by a test that
-/// failed or never ended, and those that were missed.
-fn outcomes(folder: &Path) -> Result<[Vec<String>; 2]> {
+/// What `cargo-mutants` left in this folder.
+fn outcomes(folder: &Path) -> Result<Outcomes> {
     let lines =
         |name: &str| -> Result<Vec<String>> { Ok(tree::text(folder.join(name))?.lines().map(str::to_owned).collect()) };
     // Mutants that do not compile are left out. A link failure means that a compiler was killed during an incremental
@@ -323,7 +331,8 @@ fn outcomes(folder: &Path) -> Result<[Vec<String>; 2]> {
         let is_broken = tree::text(&path)?.contains("error: linking with");
         ensure!(!is_broken, "linking failed ({}): delete target/mutants/build and start again", path.display());
     }
-    Ok([[lines("caught.txt")?, lines("timeout.txt")?].concat(), lines("missed.txt")?])
+    let caught = [lines("caught.txt")?, lines("timeout.txt")?].concat();
+    Ok(Outcomes { caught, missed: lines("missed.txt")? })
 }
 
 /// A regular expression for exactly this text.

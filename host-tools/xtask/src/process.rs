@@ -1,6 +1,6 @@
 //! Starting other programs, with errors that name the command.
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use std::{
     cell::Cell,
     ffi::OsStr,
@@ -8,9 +8,8 @@ use std::{
     io::{self, Read},
     path::Path,
     process::{Child, Command, ExitStatus, Stdio},
-    sync::mpsc,
     thread,
-    time::Duration,
+    time::{Duration, Instant},
 };
 use wait4::Wait4;
 
@@ -18,7 +17,7 @@ thread_local! {
     static SPENT: Cell<Duration> = const { Cell::new(Duration::ZERO) };
 }
 
-/// CPU time of the programs that this thread has run to their end; on Unix including their children.
+/// CPU time of the programs that this thread has run to their end without a limit; on Unix including their children.
 pub fn spent() -> Duration {
     SPENT.get()
 }
@@ -33,6 +32,22 @@ fn ended(mut child: Child) -> io::Result<ExitStatus> {
     let ended = child.wait4()?;
     count(ended.rusage.utime + ended.rusage.stime);
     Ok(ended.status)
+}
+
+/// Waits for the end, and kills the program at the limit. Its CPU time is not counted, as only a wait without a limit
+/// tells it.
+fn ended_within(mut child: Child, limit: Duration) -> io::Result<ExitStatus> {
+    let start = Instant::now();
+    while start.elapsed() <= limit {
+        if let Some(status) = child.try_wait()? {
+            return Ok(status);
+        }
+        thread::sleep(Duration::from_millis(20));
+    }
+    // Both calls fail only if the program has just ended by itself.
+    let _ = child.kill();
+    let _ = child.wait();
+    Err(io::Error::other(format!("it was still running after {} s and was ended", limit.as_secs())))
 }
 
 /// The cargo that started this program.
@@ -85,28 +100,26 @@ pub fn run_into(command: &mut Command, file: &Path) -> Result<()> {
 
 /// Runs to the end and returns what was printed; errors stay on the terminal.
 pub fn output(command: &mut Command) -> Result<String> {
-    output_within(command, Duration::MAX)
+    printed(command, ended)
 }
 
 /// The same with a time limit, at which the program is killed.
 pub fn output_within(command: &mut Command, limit: Duration) -> Result<String> {
+    printed(command, |child| ended_within(child, limit))
+}
+
+/// What a program prints until its end, for which `wait` waits.
+fn printed(command: &mut Command, wait: impl FnOnce(Child) -> io::Result<ExitStatus>) -> Result<String> {
     let mut child = spawn(command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::inherit()))?;
     let mut pipe = child.stdout.take().context("no pipe to the program's output")?;
-    let (sender, printed) = mpsc::channel();
-    thread::spawn(move || {
+    let reader = thread::spawn(move || {
         let mut bytes = Vec::new();
-        // Fails if the limit is over.
-        let _ = sender.send(pipe.read_to_end(&mut bytes).map(|_| bytes));
+        pipe.read_to_end(&mut bytes).map(|_| bytes)
     });
-    let Ok(printed) = printed.recv_timeout(limit) else {
-        // Both calls fail only if the program has just ended by itself.
-        let _ = child.kill();
-        let _ = child.wait();
-        bail!("`{}` was still running after {} s and was ended", shown(command), limit.as_secs());
-    };
-    let status = ended(child).with_context(|| format!("waiting for `{}`", shown(command)))?;
+    let status = wait(child).with_context(|| format!("waiting for `{}`", shown(command)))?;
     ensure!(status.success(), "`{}` failed ({status})", shown(command));
-    Ok(String::from_utf8_lossy(&printed?).into_owned())
+    let bytes = reader.join().map_err(|_| anyhow!("reading what `{}` prints panicked", shown(command)))??;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
 /// The version line of a program that may be missing.
@@ -162,7 +175,10 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn a_program_that_hangs_is_ended() {
-        let error = output_within(Command::new("sleep").arg("30"), Duration::from_millis(50)).unwrap_err();
-        assert!(error.to_string().contains("still running"));
+        // The second one closes its output first.
+        for script in ["exec sleep 30", "exec sleep 30 >&-"] {
+            let error = output_within(Command::new("sh").args(["-c", script]), Duration::from_millis(50)).unwrap_err();
+            assert!(format!("{error:#}").contains("still running"), "{error:#}");
+        }
     }
 }

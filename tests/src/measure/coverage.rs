@@ -206,7 +206,7 @@ the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 k
             let runs = bench.runs(motion, SEEDS)?;
             let found = columns(&runs);
             let covered = if wrong.len() == 1 { &mut by_one } else { &mut by_all };
-            covered.extend(found.iter().map(covered_percent));
+            covered.extend(found.iter().filter(|column| column.given > 0).map(covered_percent));
             let broken = runs.iter().filter(|(_, broken)| *broken).count().to_string();
             let figures = found.iter().flat_map(|column| bold_figures(column, 1));
             text += &sheet::row(&[name, motion.name, &broken], figures);

@@ -78,7 +78,7 @@ pub fn measure(asked: Asked) -> Measured {
         let harmful = defects.iter().filter(|(said, clean)| is_harmful(said, clean)).map(|(said, _)| *said);
         let usual: Vec<&Said> = clean.iter().collect();
         let path = sheet::write("roc.svg", &characteristic(&usual, &harmful.collect::<Vec<_>>()))?;
-        println!("defects: written {}", path.display());
+        eprintln!("defects: written {}", path.display());
     }
     Ok((text, true))
 }

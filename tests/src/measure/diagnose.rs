@@ -24,10 +24,19 @@ const BACKLASHES_M: [f64; 4] = [50e-6, 100e-6, 300e-6, 1e-3];
 #[derive(Clone, Copy, Default)]
 struct Tally {
     runs: u32,
-    /// Runs in which the fault is named first; those among them whose size is right; runs in which another cause is
-    /// named first; in which nothing is named. Then those among the first whose interval holds the size, and in which
-    /// inertance, viscous and Coulomb friction lie within their intervals, with the causes included.
-    counts: [u32; 8],
+    /// Runs in which the fault is named first.
+    first: u32,
+    /// Of these, those whose size is right.
+    sized: u32,
+    /// Of `first`, those whose interval holds the size.
+    within: u32,
+    /// Of `first`, those in which inertance, viscous and Coulomb friction lie within their intervals, with the causes
+    /// included.
+    corrected: [u32; 3],
+    /// Runs in which another cause is named first.
+    other: u32,
+    /// Runs in which nothing is named.
+    nothing: u32,
     /// Largest F statistic, relative to its threshold.
     strongest: f64,
 }
@@ -36,32 +45,36 @@ impl Tally {
     fn of(case: &Case, found: &Diagnosis) -> Self {
         let first = found.causes.first().filter(|cause| Some(cause.kind) == case.kind);
         let off = first.map_or(f64::INFINITY, |cause| (cause.value - case.size).abs());
-        let [mt, cf, fc] = within_intervals(case, found).map(|within| within && first.is_some());
-        let is = [
-            first.is_some(),
-            first.is_some() && off <= RIGHT * case.size.abs(),
-            first.is_none() && !found.causes.is_empty(),
-            found.causes.is_empty(),
-            first.is_some_and(|cause| off <= cause.u95),
-            mt,
-            cf,
-            fc,
-        ];
-        let strongest = found.causes.iter().map(|cause| cause.f / LIMIT).fold(found.greatest_left, f64::max);
-        Self { runs: 1, counts: is.map(u32::from), strongest }
+        let if_first = |is: bool| u32::from(first.is_some() && is);
+        Self {
+            runs: 1,
+            first: if_first(true),
+            sized: if_first(off <= RIGHT * case.size.abs()),
+            within: u32::from(first.is_some_and(|cause| off <= cause.u95)),
+            corrected: within_intervals(case, found).map(if_first),
+            other: u32::from(first.is_none() && !found.causes.is_empty()),
+            nothing: u32::from(found.causes.is_empty()),
+            strongest: found.causes.iter().map(|cause| cause.f / LIMIT).fold(found.greatest_left, f64::max),
+        }
     }
 
     fn add(self, other: Self) -> Self {
         Self {
             runs: self.runs + other.runs,
-            counts: from_fn(|i| self.counts[i] + other.counts[i]),
+            first: self.first + other.first,
+            sized: self.sized + other.sized,
+            within: self.within + other.within,
+            corrected: from_fn(|i| self.corrected[i] + other.corrected[i]),
+            other: self.other + other.other,
+            nothing: self.nothing + other.nothing,
             strongest: self.strongest.max(other.strongest),
         }
     }
 
     /// Number of runs, and percentages: named first, named first with the right size, another cause first.
     fn line(&self) -> String {
-        let [first, sized, other, ..] = self.counts.map(|part| format!("{:.1}", percent(part, self.runs)));
+        let parts = [self.first, self.sized, self.other];
+        let [first, sized, other] = parts.map(|part| format!("{:.1}", percent(part, self.runs)));
         format!("{} | {first} | {sized} | {other}", self.runs)
     }
 }
@@ -103,7 +116,8 @@ fn faults(text: &mut String) -> Result<[Tally; 2]> {
             let told = told(&case, motion)?;
             let [left, sigmas] = [100.0 * told.left, told.sigmas].map(significant);
             let is_enough = if told.is_enough() { "yes" } else { "no" };
-            let counts = of_these.counts.iter().take(4).map(u32::to_string);
+            let counts = [of_these.first, of_these.sized, of_these.other, of_these.nothing];
+            let counts = counts.map(|count| count.to_string());
             *text += &sheet::row(&[case.name, motion.name, &left, &sigmas, is_enough], counts);
             all = all.add(of_these);
             if told.is_enough() {
@@ -162,10 +176,9 @@ motion that repeats itself repeats). *Enough*: 0.5 % are left over, and the size
         100.0 * RIGHT
     );
     let [all, told_enough] = faults(&mut text)?;
-    let [first, _, other, _, within, corrected @ ..] = all.counts;
-    let [mt, cf, fc] = corrected.map(|held| percent(held, first));
+    let [mt, cf, fc] = all.corrected.map(|held| percent(held, all.first));
     let (setting, clean) = (without_a_fault(&SETTING)?, without_a_fault(&SEEDS)?);
-    let [_, _, false_alarms, ..] = clean.counts;
+    let false_alarms = clean.other;
     let [parting_runs, parting_told] = with_flanks_that_part()?;
     text += &format!(
         "
@@ -184,8 +197,8 @@ Of {parting_runs} runs whose flanks part by 0.05 to 1 mm, stiffness stated or no
 ",
         all.line(),
         told_enough.line(),
-        percent(first, first + other),
-        percent(within, first),
+        percent(all.first, all.first + all.other),
+        percent(all.within, all.first),
         clean.runs,
         clean.strongest,
         setting.strongest,

@@ -59,7 +59,7 @@ impl Sink for Parquet {
 /// Writes the table of estimates; unknown values are null.
 pub(super) fn write_estimates(file: &Pending, source: &Source, table: &EstimateTable) -> Result<(), OutputError> {
     let metadata = metadata(source, about::estimate_units(table));
-    let columns: Vec<_> = table.held().collect();
+    let columns: Vec<_> = table.clone().held().collect();
     write_held(file.open()?, &columns, metadata).map(drop).map_err(|error| failed(&file.name(), error))
 }
 

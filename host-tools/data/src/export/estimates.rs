@@ -94,12 +94,9 @@ impl EstimateTable {
 
     /// The columns as a table in memory.
     #[cfg(feature = "parquet")]
-    pub fn held(&self) -> impl Iterator<Item = HeldColumn> {
-        self.columns.iter().map(|column| HeldColumn {
-            name: column.name.clone(),
-            unit: column.unit,
-            cells: Cells::Float(column.values.clone()),
-        })
+    pub fn held(self) -> impl Iterator<Item = HeldColumn> {
+        let columns = self.columns.into_iter();
+        columns.map(|EstimateColumn { name, unit, values }| HeldColumn { name, unit, cells: Cells::Float(values) })
     }
 
     /// Rows of the table.

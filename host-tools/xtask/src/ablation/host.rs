@@ -195,17 +195,27 @@ const PARTS: &[Heuristic] = &[
 /// What the program counts, by name.
 type Counts = BTreeMap<String, f64>;
 
-/// The table's columns: what is counted, the total of which it is a share [%], whether fewer or more are a loss, and what
-/// is lost then.
-const COLUMNS: [(&str, Option<&str>, Ordering, &str); 8] = [
-    ("first", None, Less, "names"),
-    ("sized", None, Less, "sizes"),
-    ("right", Some("corrected"), Less, "honesty"),
-    ("wrong", None, Greater, "no false names"),
-    ("outside", Some("given"), Greater, "honesty"),
-    ("unsaid", Some("given"), Greater, "honesty"),
-    ("assumed", Some("given"), Greater, "fewer assumptions"),
-    (WIDTH, None, Greater, "sharpness"),
+/// A column of the table.
+struct Column {
+    /// What is counted.
+    name: &'static str,
+    /// The total of which it is a share [%].
+    of: Option<&'static str>,
+    /// Whether fewer or more are worse.
+    worse: Ordering,
+    /// What is lost then.
+    lost: &'static str,
+}
+
+const COLUMNS: [Column; 8] = [
+    Column { name: "first", of: None, worse: Less, lost: "names" },
+    Column { name: "sized", of: None, worse: Less, lost: "sizes" },
+    Column { name: "right", of: Some("corrected"), worse: Less, lost: "honesty" },
+    Column { name: "wrong", of: None, worse: Greater, lost: "no false names" },
+    Column { name: "outside", of: Some("given"), worse: Greater, lost: "honesty" },
+    Column { name: "unsaid", of: Some("given"), worse: Greater, lost: "honesty" },
+    Column { name: "assumed", of: Some("given"), worse: Greater, lost: "fewer assumptions" },
+    Column { name: WIDTH, of: None, worse: Greater, lost: "sharpness" },
 ];
 /// The one column that is a mean, not a count.
 const WIDTH: &str = "width";
@@ -243,7 +253,7 @@ fn counts(output: &str) -> Result<Counts> {
 
 fn line(name: &str, whole: &Counts, without: &Counts, test: Option<&str>) -> Result<String> {
     let (mut cells, mut lost) = (Vec::new(), Vec::new());
-    for (column, of, loss, what) in COLUMNS {
+    for Column { name: column, of, worse, lost: what } in COLUMNS {
         let value = |counts: &Counts| -> Result<f64> {
             let count =
                 |name: &str| counts.get(name).copied().with_context(|| format!("the program counts no `{name}`"));
@@ -255,8 +265,8 @@ fn line(name: &str, whole: &Counts, without: &Counts, test: Option<&str>) -> Res
         let [before, after] = [value(whole)?, value(without)?];
         // Smaller differences are ignored.
         let chance = if column == WIDTH { (WIDER - 1.0) * before } else { BY_CHANCE };
-        let bound = if loss == Less { before - chance } else { before + chance };
-        if after.partial_cmp(&bound) == Some(loss) && !lost.contains(&what) {
+        let bound = if worse == Less { before - chance } else { before + chance };
+        if after.partial_cmp(&bound) == Some(worse) && !lost.contains(&what) {
             lost.push(what);
         }
         cells.push(match of {

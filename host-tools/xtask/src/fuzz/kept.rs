@@ -7,40 +7,58 @@ use std::collections::BTreeMap;
 /// The committed table, from the root.
 const TABLE: &str = "docs/tables/fuzz.md";
 
-/// Of one run, or of all runs of a target: inputs, samples if the target counts them, seconds, edges after half of the
-/// last run and at its end, and runs that ended with a finding.
-pub type Figures = [Option<u64>; 6];
-
-/// Those of the last run alone; the others are added up.
-const LAST: [usize; 2] = [3, 4];
-
-/// Targets by name, each with the commit of the tree in the last run.
+/// Figures of one run, or of all runs of a target.
 #[derive(Debug, Default, PartialEq)]
-struct Kept(BTreeMap<String, (Figures, String)>);
+pub struct Figures {
+    pub inputs: u64,
+    /// Processed by the target, if it counts them.
+    pub samples: Option<u64>,
+    pub seconds: u64,
+    /// After half of the last run and at its end.
+    pub edges: [u64; 2],
+    /// Runs that ended with a finding.
+    pub findings: u64,
+    /// Of the tree in the last run.
+    pub commit: String,
+}
+
+/// Targets by name.
+#[derive(Debug, Default, PartialEq)]
+struct Kept(BTreeMap<String, Figures>);
 
 /// Adds a run to the table.
-pub fn add(target: &str, run: Figures, commit: &str) -> Result<()> {
+pub fn add(target: &str, run: Figures) -> Result<()> {
     // Read each time: another target may be fuzzed at the same time.
     let mut kept = Kept::parse(&tree::text_if_there(TABLE)?);
-    kept.add(target, run, commit);
+    kept.add(target, run);
     tree::write(TABLE, kept.markdown())
 }
 
 impl Kept {
-    fn add(&mut self, target: &str, run: Figures, commit: &str) {
-        let (totals, last) = self.0.entry(target.to_owned()).or_default();
-        *last = commit.to_owned();
-        for (place, (total, run)) in totals.iter_mut().zip(run).enumerate() {
-            let sum = [*total, run].into_iter().flatten().reduce(|one, other| one + other);
-            *total = if LAST.contains(&place) { run } else { sum };
-        }
+    fn add(&mut self, target: &str, run: Figures) {
+        let total = self.0.entry(target.to_owned()).or_default();
+        *total = Figures {
+            inputs: total.inputs + run.inputs,
+            samples: run.samples.map(|samples| samples + total.samples.unwrap_or(0)).or(total.samples),
+            seconds: total.seconds + run.seconds,
+            findings: total.findings + run.findings,
+            ..run
+        };
     }
 
     fn parse(text: &str) -> Self {
         let row = |line: &str| {
-            let [target, figures @ .., commit] = table::cells::<8>(line)?;
-            let figures: Figures = figures.map(|figure| figure.parse().ok());
-            figures[0].is_some().then(|| (target.to_owned(), (figures, commit.to_owned())))
+            let [target, inputs, samples, seconds, half, end, findings, commit] = table::cells::<8>(line)?;
+            let number = |cell: &str| cell.parse::<u64>().ok();
+            let figures = Figures {
+                inputs: number(inputs)?,
+                samples: number(samples),
+                seconds: number(seconds)?,
+                edges: [number(half)?, number(end)?],
+                findings: number(findings)?,
+                commit: commit.to_owned(),
+            };
+            Some((target.to_owned(), figures))
         };
         Self(text.lines().filter_map(row).collect())
     }
@@ -52,11 +70,12 @@ impl Kept {
              last run; with `-dirty` it had changes besides.\n\n{} inputs in all.\n\n\
              | target | inputs | samples | time s | edges at half time | at the end | findings | commit |\n\
              |---|--:|--:|--:|--:|--:|--:|---|\n",
-            self.0.values().filter_map(|(figures, _)| figures[0]).sum::<u64>()
+            self.0.values().map(|figures| figures.inputs).sum::<u64>()
         );
-        for (target, (figures, commit)) in &self.0 {
-            let figures = figures.map(|figure| figure.map_or("-".to_owned(), |figure| figure.to_string()));
-            text += &format!("| {target} | {} | {commit} |\n", figures.join(" | "));
+        for (target, Figures { inputs, samples, seconds, edges: [half, end], findings, commit }) in &self.0 {
+            let samples = samples.map_or("-".to_owned(), |samples| samples.to_string());
+            text +=
+                &format!("| {target} | {inputs} | {samples} | {seconds} | {half} | {end} | {findings} | {commit} |\n");
         }
         text
     }
@@ -68,12 +87,18 @@ mod tests {
 
     #[test]
     fn runs_are_added_and_read_back() {
-        let run =
-            |samples, findings: u64| [Some(1000), samples, Some(30), Some(70), Some(80 + findings), Some(findings)];
+        let run = |samples, findings, commit: &str| Figures {
+            inputs: 1000,
+            samples,
+            seconds: 30,
+            edges: [70, 80 + findings],
+            findings,
+            commit: commit.to_owned(),
+        };
         let mut kept = Kept::default();
-        kept.add("wire", run(None, 0), "ac2bb3a");
-        kept.add("estimator", run(Some(5), 0), "ac2bb3a");
-        kept.add("estimator", run(Some(6), 1), "476dd4a-dirty");
+        kept.add("wire", run(None, 0, "ac2bb3a"));
+        kept.add("estimator", run(Some(5), 0, "ac2bb3a"));
+        kept.add("estimator", run(Some(6), 1, "476dd4a-dirty"));
         let text = kept.markdown();
         for row in [
             "3000 inputs in all",
