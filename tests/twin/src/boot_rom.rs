@@ -233,9 +233,8 @@ impl Bus<'_> {
     /// Sets STAT_RX and STAT_TX of the endpoint.
     fn set_status(&mut self, receive: Option<u32>, send: Option<u32>) {
         let register = self.read(ENDPOINT);
-        let flip = |wanted: Option<u32>, shift: u32| {
-            wanted.map_or(0, |wanted| (register >> shift & 3 ^ wanted) << shift)
-        };
+        let flip =
+            |wanted: Option<u32>, shift: u32| wanted.map_or(0, |wanted| (register >> shift & 3 ^ wanted) << shift);
         self.write(ENDPOINT, CONTROL_TYPE | RECEIVED | SENT | flip(receive, 12) | flip(send, 4));
     }
 

@@ -75,8 +75,11 @@ pub fn figure(content: &Content, kind: Kind) -> Result<Figure, PageError> {
     let (name, heading, draw) = kind.parts();
     let file = &content.run.name;
     let words = |text: &str| description(content.run.settings.machine, text);
-    let (caption, mut panels) = draw(content)
-        .map_err(|reason| PageError::NotShown { file: file.clone(), figure: name, reason: words(&reason) })?;
+    let (caption, mut panels) = draw(content).map_err(|reason| PageError::NotShown {
+        file: file.clone(),
+        figure: name,
+        reason: words(&reason),
+    })?;
     for panel in &mut panels {
         let layers = panel.layers.iter_mut().filter_map(|layer| layer.label.as_mut());
         for label in layers.chain([&mut panel.x.label, &mut panel.y.label]) {
