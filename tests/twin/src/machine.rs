@@ -60,14 +60,14 @@ pub struct Ended {
     /// The reason.
     pub stop: Stop,
     /// Location of the program (see [`Cpu::pc`]), and its function.
-    pub pc: (u32, Option<String>),
+    pub pc: (u32, Option<Box<str>>),
     /// Return address of that function, if it is still in LR, and the function that it returns to.
-    pub lr: (u32, Option<String>),
+    pub lr: (u32, Option<Box<str>>),
     /// Seconds since power-on.
     pub time_s: f64,
 }
 
-fn named((address, function): &(u32, Option<String>)) -> String {
+fn named((address, function): &(u32, Option<Box<str>>)) -> String {
     function.as_ref().map_or_else(|| format!("{address:#010x}"), |name| format!("{address:#010x} {name}"))
 }
 
@@ -265,7 +265,7 @@ impl Machine {
     }
 
     fn ended(&self, stop: Stop) -> Ended {
-        let place = |address: u32| (address, self.elf.function_at(address & !1));
+        let place = |address: u32| (address, self.elf.function_at(address & !1).map(Into::into));
         let lr = self.cpu.register(RegisterARM::LR);
         Ended { stop, pc: place(self.cpu.pc()), lr: place(lr), time_s: self.time_s() }
     }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use inerter_analysis::plan::{Asked, PlanError, Planned};
+use inerter_analysis::plan::{Asked, Plan, PlanError};
 use inerter_data::{
     csv::motion,
     export::Source,
@@ -191,8 +191,8 @@ impl FileArgs {
     }
 
     /// Writes the requested files; describes each for a program, and for a person.
-    fn write(&self, planned: &Planned) -> Result<Vec<(Value, String)>, Error> {
-        let settings = &planned.expected().settings;
+    fn write(&self, planned: &Plan) -> Result<Vec<(Value, String)>, Error> {
+        let settings = &planned.expected.settings;
         let (machine, rate_hz) = (settings.machine, self.rate_hz.unwrap_or(settings.sample_rate_hz));
         let mut written = Vec::new();
         if self.output.is_some() || self.wav.is_some() {
@@ -205,7 +205,7 @@ impl FileArgs {
             written.push((json!({ "format": "csv", "file": file, "rate_hz": rate_hz }), text));
         }
         if let Some(path) = &self.wav {
-            let peak_m = planned.peaks().stroke_m;
+            let peak_m = planned.prediction.peaks.stroke_m;
             let full_scale_m = self.full_scale_m.unwrap_or(planned.stroke_m());
             if full_scale_m < peak_m {
                 return Err(full_scale(full_scale_m, "as much as the motion's own peak").into());
