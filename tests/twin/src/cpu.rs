@@ -414,7 +414,7 @@ impl Cpu {
         self.core().now
     }
 
-    /// Value of a core register.
+    /// Value of a core register, given by its name or by unicorn's number.
     pub fn register(&self, register: impl Into<i32>) -> u32 {
         self.uc.reg_read(register).map_or(0, |value| value as u32)
     }

@@ -97,7 +97,7 @@ enum Before {
 #[derive(Clone, Debug)]
 pub struct Model {
     total: Range,
-    /// Instructions under each bound's assumptions, and data, which do not depend on them.
+    /// The instruction cache under each bound's assumptions, and the data cache, which is the same under both.
     least: Cache,
     most: Cache,
     data: Cache,

@@ -145,7 +145,7 @@ pub struct Done {
     pub moved: usize,
 }
 
-/// Part of a transfer. All but control requests have data only.
+/// Part of a transfer. Only a control request has more than data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Stage {
     Setup,
@@ -565,7 +565,7 @@ impl Running {
             }
             Stage::Status => return Step::Ends(if data.is_empty() { Ok(()) } else { Err(UsbError::TooMuch) }),
         };
-        // Both stages of a control request that follow begin with DATA1.
+        // The data stage and the status stage of a control request begin with DATA1 (USB 2.0 8.5.3).
         *toggle = Toggle::Data1;
         Step::Moved
     }

@@ -35,7 +35,7 @@ pub enum DescriptorError {
 pub struct Endpoint {
     /// bEndpointAddress: number, with the top bit set for IN.
     pub address: u8,
-    /// Whether it sends packets in the remaining bus time.
+    /// Whether its transfer type is bulk: packets in the remaining bus time.
     pub is_bulk: bool,
     /// Maximum packet size \[bytes\].
     pub packet: u16,
