@@ -2,8 +2,7 @@
 
 use crate::board::JumperError;
 
-/// Result of a part of the test, or why the test ends: it could not be done, or (`None`) a check failed, which is the
-/// report's last.
+/// Result of a part of the test, or why the test ends: it could not be done, or (`None`) a check in the report failed.
 pub(crate) type Judged<T> = Result<T, Option<JumperError>>;
 
 /// One property of the board.

@@ -70,7 +70,7 @@ const REPEATED: u32 = 3;
 const HEALTH_S: f64 = 1.2;
 const MOST_WAITS: u32 = 5;
 
-/// A tape's recording. That no sample arrives is a failed check.
+/// A tape's recording. If no sample arrives, that is a failed check.
 pub fn played(outcome: Result<Recording, JumperError>, report: &mut Report) -> Judged<Recording> {
     if let Err(JumperError::NoSamples | JumperError::Refused { why: Refusal::NoSamples, .. }) = outcome {
         report.take(Check::new("sampling", "samples", "none", Some(NOT_IN_STEP)))?;

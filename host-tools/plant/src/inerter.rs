@@ -181,7 +181,17 @@ impl Inerter {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
+
+    #[test]
+    fn the_papers_inertance_follows_from_its_flywheel() {
+        // A solid cylinder, its radius in leads.
+        let flywheel_kg = 0.5 * 0.738 * (TAU * 4.5158).powi(2);
+        assert!((flywheel_kg - 297.0673).abs() < 1e-3, "{flywheel_kg}");
+        assert!((297.0673 + 2.4233 - Inerter::paper().inertance_kg).abs() < 1e-9);
+    }
 
     #[test]
     fn presets_are_valid() {

@@ -52,7 +52,7 @@ pub(crate) fn check(field: &'static str, value: f64, (min, max): (f64, f64)) -> 
     Ok(())
 }
 
-/// A struct of `f64` fields, and one other, with its table and access by name.
+/// A struct of `f64` fields and at most one field of another type, with its table and access by name.
 macro_rules! field_table {
     ($(#[$about:meta])* pub struct $type:ident {
         $($(#[$text:meta])*

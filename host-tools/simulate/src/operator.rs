@@ -1,7 +1,8 @@
-//! A simulated operator: hangs a weight on the load cell, turns the screw, shakes the rig for a while.
+//! A simulated operator: hangs a weight on the load cell, turns the screw, shakes the rig for a while; and the samples
+//! of a set-up's device, with an operator or without.
 //!
-//! It does what a person does at a bench, so that calibration can be tried and tested without one. Commands are lines
-//! such as `mass 5`.
+//! An operator does what a person does at a bench, so that calibration can be tried and tested without one. Commands
+//! are lines such as `mass 5`.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
