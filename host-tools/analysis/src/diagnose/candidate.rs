@@ -140,7 +140,7 @@ impl Term {
             Self::Wobble(_) | Self::Turning(_) | Self::Bending(_) => "m",
             Self::Thinning | Self::Speed => "N s/m",
             Self::Skew => "s",
-            _ => "N",
+            Self::Ripple(_) | Self::Uneven(_) | Self::Falling(_) | Self::Bell(_) | Self::Drift | Self::Warming => "N",
         }
     }
 

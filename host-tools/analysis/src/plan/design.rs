@@ -57,9 +57,9 @@ pub struct Plan {
     pub is_wanted: bool,
     /// The wanted intervals.
     pub wants: Vec<Want>,
-    /// The limits that a designed motion respects.
+    /// The limits, within the instruments' ranges, that a designed motion respects.
     pub limits: Limits,
-    /// The stated ones, which a given motion may exceed.
+    /// For a given motion the limits as stated, which it may exceed; for a designed one the same as above.
     pub stated: Limits,
     /// The theoretical contribution of chance alone to each interval, as the half width of a component.
     pub(super) chance: [f64; 4],

@@ -99,8 +99,8 @@ impl Together {
         Some(all)
     }
 
-    /// The same information multiplied by a factor.
-    pub fn times(mut self, factor: f64) -> Self {
+    /// The same information, while it has no sums away from rest, multiplied by a factor.
+    fn times(mut self, factor: f64) -> Self {
         self.products = self.products.map(|products| products.times(factor));
         self.reversals_again *= factor;
         self
