@@ -27,7 +27,7 @@ MILLION = 1_000_000
 DEVICES = 10_000
 PRICES = {"GB a month": 0.023, "processor an hour": 0.05, "1000 writes": 0.005, "1000 reads": 0.0004}
 """Round list prices of large clouds [US dollars]; put in yours."""
-REQUESTS = {"added": (7, 21), "by the program": (1, 1), "by a worker": (1, 8), "looked at": (0, 1)}
+REQUESTS = {"added": (7, 20), "by the program": (1, 1), "by a worker": (1, 8), "looked at": (0, 1)}
 """Requests to S3 for a run: writes (PUT) and reads (GET, HEAD), as host-tools/python/tests/test_store.py counts them. Lists, one for
 1000 names, and the two reads that open a store for many runs are left out."""
 
