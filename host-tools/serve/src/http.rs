@@ -1,8 +1,9 @@
 //! HTTP for the page and for Foxglove, in a separate thread, with limits, because anybody may connect.
 //!
-//! A connection ends [`REQUEST_TIME`] after it began, whatever it sent; a WebSocket stays as long as its peer accepts
-//! each message within [`SEND_TIME`]. At [`MOST`] connections the oldest one that is not a WebSocket makes room for a
-//! new one. With a low limit on open files there are fewer connections, so that the device can always be opened again.
+//! A connection serves one request and ends [`REQUEST_TIME`] after it began, whatever it sent; a WebSocket stays as
+//! long as its peer accepts each message within [`SEND_TIME`]. At [`MOST`] connections the oldest one that is not a
+//! WebSocket makes room for a new one. With a low limit on open files there are fewer connections, so that the device
+//! can always be opened again.
 
 use std::{collections::VecDeque, io, net::SocketAddr, sync::Arc, thread::JoinHandle, time::Duration};
 
@@ -112,12 +113,22 @@ async fn serve(listener: &TcpListener, router: &Router) {
     }
 }
 
-/// Answers the requests on one connection, for five seconds at most.
+/// Answers one request on a connection, within five seconds. If it answered more, a client that does not read could make
+/// answers pile up; a malformed request behind them then fails a debug assertion of hyper.
 pub async fn serve_connection(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
+    let router = router.layer(middleware::map_response(last));
     let connection =
         http1::Builder::new().serve_connection(TokioIo::new(stream), TowerToHyperService::new(router)).with_upgrades();
     // The reason why a connection ended is not needed.
     drop(timeout(REQUEST_TIME, connection).await);
+}
+
+/// The response as the last one of its connection, unless a WebSocket follows it.
+async fn last(mut response: Response) -> Response {
+    if response.status() != StatusCode::SWITCHING_PROTOCOLS {
+        response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+    }
+    response
 }
 
 /// Maximum number of open files.
@@ -249,6 +260,23 @@ mod tests {
         for stream in streams.iter_mut().take(8) {
             assert!(matches!(stream.read(&mut [0; 1]), Ok(0) | Err(_)));
         }
+    }
+
+    #[test]
+    fn a_connection_serves_one_request_and_no_nonsense_after_it() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
+        let answers = runtime.block_on(async {
+            let (mut ours, theirs) = tokio::io::duplex(4096);
+            let server = tokio::spawn(serve_connection(theirs, Router::new()));
+            let asked = "GET / HTTP/1.1\r\n\r\n".repeat(40) + "nonsense\r\n\r\n";
+            tokio::io::AsyncWriteExt::write_all(&mut ours, asked.as_bytes()).await.unwrap();
+            let mut answers = String::new();
+            tokio::io::AsyncReadExt::read_to_string(&mut ours, &mut answers).await.unwrap();
+            server.await.unwrap();
+            answers
+        });
+        assert_eq!(answers.matches("HTTP/1.1 404 Not Found").count(), 1, "{answers}");
+        assert_eq!(answers.matches("HTTP/").count(), 1, "{answers}");
     }
 
     #[test]

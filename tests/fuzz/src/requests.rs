@@ -132,6 +132,8 @@ pub fn seeds() -> Vec<Vec<u8>> {
     for frame in frames {
         seeds.push(seed(&upgrades[0], counted(frame)));
     }
+    // Many requests whose answers nobody reads, then a malformed one.
+    seeds.push(counted("GET / HTTP/1.1\r\n\r\n".repeat(40) + "nonsense\r\n\r\n"));
     let (begin, end) = plain[0].split_at(20);
     seeds.push([counted(begin), counted(end)].concat());
     seeds
