@@ -113,12 +113,12 @@ pub trait Registers {
 /// Registers that are plain storage. For the hardware they are indexed by their offset.
 #[derive(Clone, Debug, Default)]
 pub struct Storage {
-    cells: Vec<Cell>,
+    /// One place for each word up to the last register.
+    cells: Vec<Option<Cell>>,
 }
 
 #[derive(Clone, Debug)]
 struct Cell {
-    offset: u32,
     reset: u32,
     writable: u32,
     value: u32,
@@ -129,32 +129,34 @@ struct Cell {
 impl Storage {
     /// Creates registers from `(offset, reset value, writable bits)`.
     pub fn new(registers: &[(u32, u32, u32)]) -> Self {
-        let cell = |&(offset, reset, writable)| Cell {
-            offset,
-            reset,
-            writable,
-            value: reset,
-            written: false,
-            read_unwritten: false,
-        };
-        Self { cells: registers.iter().map(cell).collect() }
+        let words = registers.iter().map(|(offset, ..)| *offset as usize / 4 + 1).max().unwrap_or(0);
+        let mut cells = vec![None; words];
+        for &(offset, reset, writable) in registers {
+            let cell = Cell { reset, writable, value: reset, written: false, read_unwritten: false };
+            cells[offset as usize / 4] = Some(cell);
+        }
+        Self { cells }
     }
 
     /// Creates registers that programs read to change single bits: a read before any write is not listed.
     pub fn shared(registers: &[(u32, u32, u32)]) -> Self {
         let mut storage = Self::new(registers);
-        storage.cells.iter_mut().for_each(|cell| cell.written = true);
+        storage.cells.iter_mut().flatten().for_each(|cell| cell.written = true);
         storage
     }
 
     /// These registers and others.
     pub fn and(mut self, others: Self) -> Self {
-        self.cells.extend(others.cells);
+        self.cells.resize(self.cells.len().max(others.cells.len()), None);
+        for (cell, other) in self.cells.iter_mut().zip(others.cells) {
+            *cell = cell.take().or(other);
+        }
         self
     }
 
     fn cell(&mut self, register: u32) -> Modelled<&mut Cell> {
-        self.cells.iter_mut().find(|cell| cell.offset == register).ok_or(Unknown::REGISTER)
+        let cell = self.cells.get_mut(register as usize / 4).filter(|_| register.is_multiple_of(4));
+        cell.and_then(Option::as_mut).ok_or(Unknown::REGISTER)
     }
 
     /// A read by the program.
@@ -175,7 +177,7 @@ impl Storage {
 
     /// Sets all registers to their reset values; the record of reads and writes is kept.
     pub fn reset(&mut self) {
-        for cell in &mut self.cells {
+        for cell in self.cells.iter_mut().flatten() {
             cell.value = cell.reset;
         }
     }
@@ -186,9 +188,9 @@ impl Index<u32> for Storage {
     type Output = u32;
 
     fn index(&self, register: u32) -> &u32 {
-        match self.cells.iter().find(|cell| cell.offset == register) {
-            Some(cell) => &cell.value,
-            None => panic!("no register at {register:#x}"),
+        match self.cells.get(register as usize / 4) {
+            Some(Some(cell)) if register.is_multiple_of(4) => &cell.value,
+            _ => panic!("no register at {register:#x}"),
         }
     }
 }
@@ -216,7 +218,8 @@ impl Registers for Storage {
     }
 
     fn unwritten_reads(&self) -> Vec<u32> {
-        self.cells.iter().filter(|cell| cell.read_unwritten).map(|cell| cell.offset).collect()
+        let is_listed = |cell: &Option<Cell>| cell.as_ref().is_some_and(|cell| cell.read_unwritten);
+        (0..).step_by(4).zip(&self.cells).filter(|(_, cell)| is_listed(cell)).map(|(offset, _)| offset).collect()
     }
 }
 

@@ -119,12 +119,8 @@ impl Tim {
             Kind::Small => [0x0200_07fd, 0x0131_00f7, 0x4747, 0x0101_ffff, 0xbf],
             Kind::Single => [0x30d, 0, 0x0303, 0x0001_00ff, 0xf],
         };
-        let mut registers = vec![
-            (CR1, 0, CR1_KNOWN),
-            (CR2, 0, cr2),
-            (DIER, 0, dier),
-            (CCMR1, 0, ccmr1),
-            (CCER, 0, ccer),
+        let mut shared = vec![(CR1, 0, CR1_KNOWN), (CR2, 0, cr2), (DIER, 0, dier), (CCMR1, 0, ccmr1), (CCER, 0, ccer)];
+        let mut others = vec![
             (PSC, 0, 0xffff),
             (ARR, mask, mask),
             (CCR1, 0, mask),
@@ -132,23 +128,25 @@ impl Tim {
             (TISEL, 0, if kind == Kind::Wide { 0xf } else { 0 }),
         ];
         if kind != Kind::Single {
-            registers.extend([(SMCR, 0, smcr), (CCR2, 0, mask)]);
+            shared.push((SMCR, 0, smcr));
+            others.push((CCR2, 0, mask));
         }
         if kind.channels() == 4 {
-            registers.extend([(CCMR2, 0, ccmr1), (CCR3, 0, mask), (CCR4, 0, mask)]);
+            shared.push((CCMR2, 0, ccmr1));
+            others.extend([(CCR3, 0, mask), (CCR4, 0, mask)]);
         }
         if kind.has_break() {
             // No repetition counter; the break input at the pin is enabled after reset.
             let bdtr = if kind == Kind::Advanced { 0x3fff_ffff } else { 0x140f_ffff };
             let second = u32::from(kind == Kind::Advanced);
-            registers.extend([(RCR, 0, 0), (BDTR, 0, bdtr), (AF1, 1, 0xf), (AF2, second, 0xf * second)]);
+            shared.push((BDTR, 0, bdtr));
+            others.extend([(RCR, 0, 0), (AF1, 1, 0xf), (AF2, second, 0xf * second)]);
         } else {
-            registers.extend([(AF1, 0, 0), (AF2, 0, 0)]);
+            others.extend([(AF1, 0, 0), (AF2, 0, 0)]);
         }
-        let storage = Storage::new(&registers);
         Self {
             kind,
-            storage,
+            storage: Storage::shared(&shared).and(Storage::new(&others)),
             flags: 0,
             count: 0,
             prescaler: 0,
@@ -477,9 +475,7 @@ impl Registers for Tim {
     }
 
     fn unwritten_reads(&self) -> Vec<u32> {
-        // Programs read shared registers to change single bits.
-        let shared = [CR1, CR2, SMCR, DIER, CCMR1, CCMR2, CCER, BDTR];
-        self.storage.unwritten_reads().into_iter().filter(|offset| !shared.contains(offset)).collect()
+        self.storage.unwritten_reads()
     }
 }
 
