@@ -365,7 +365,7 @@ impl Column {
         let (bias, sigma) = bias_and_sigma(&errors);
         let each = || errors.iter().zip(&u95);
         let rms = rms(each().map(|(error, u95)| error / u95));
-        // What is not a number is covered by no interval.
+        // No interval covers a value that is not a number.
         let covered = each().filter(|(error, u95)| error.abs() <= **u95).count();
         let given = errors.len();
         Self { bias, sigma, rms, u95: mean(u95.iter().copied()), given, wrong: given - covered }

@@ -83,7 +83,7 @@ struct Step {
     /// Time budget on two processors in a clean clone, or where it runs with `--quick` only, in a warm one \[s\]; `None`
     /// if it runs in parallel with others.
     budget_s: Option<u64>,
-    /// How it runs in this process, where not by its own command.
+    /// How it runs in this process, if not by its own command.
     run: Option<fn() -> Result<()>>,
 }
 
@@ -114,7 +114,7 @@ const LIBRARIES: &[&str] = &["inerter-core", "inerter-wire", "inerter-app", "ads
 const OTHER_BOARDS: &[&str] = &["board-weact", "board-nucleo,hang"];
 
 const STEPS: &[Step] = &[
-    // Not by its own command, which also prints the version of Rust, and that everything is there.
+    // `cargo xtask setup` would also print the version of Rust, and that everything is there.
     needed(here(Always, 5, "set-up", "cargo xtask setup", || setup::ensure(setup::ALL, false))),
     needed(here(Always, 5, "lock files", "cargo metadata --locked", || {
         Part::each(|part| workspace::metadata(&part.folder()).map(drop))

@@ -216,7 +216,7 @@ impl Row {
             NAMES[i].into(),
             mean(bias, sigma.max(0.01 * bias.abs())),
             significant(sigma),
-            // A single run has no scatter beside which its interval would tell something.
+            // With a single run there is no scatter to compare its interval with.
             if given < 2 { "-".into() } else { significant(u95) },
             if self.is_wrong(i) { format!("**{coverage}**") } else { coverage },
             given.to_string(),

@@ -18,7 +18,7 @@ pub struct Figures {
     pub edges: [u64; 2],
     /// Runs that ended with a finding.
     pub findings: u64,
-    /// Of the tree in the last run.
+    /// Commit of the tree in the last run.
     pub commit: String,
 }
 
