@@ -59,9 +59,9 @@ pub struct Backlash {
 pub enum BacklashSize {
     /// There is no value.
     NotIdentifiable(Reason),
-    /// Value and interval hold \[m\], and the backlash is smaller than the interval: there may be none.
+    /// Value and interval are valid \[m\], and the backlash is smaller than the interval: there may be none.
     BelowU95(Interval),
-    /// Value and interval hold \[m\].
+    /// Value and interval are valid \[m\].
     Ok(Interval),
 }
 
@@ -78,9 +78,9 @@ impl Default for BacklashSize {
 pub enum BacklashStatus {
     /// There is no value.
     NotIdentifiable(Reason),
-    /// Value and interval hold, and the backlash is smaller than the interval: there may be none.
+    /// Value and interval are valid, and the backlash is smaller than the interval: there may be none.
     BelowU95,
-    /// Value and interval hold.
+    /// Value and interval are valid.
     Ok,
 }
 

@@ -43,13 +43,13 @@ const ALIKE: (f32, f32) = (0.35, 1.3);
 /// 0.15 to 1.6, presliding 0.06.
 const STRIBECK: f32 = 0.1;
 const MOVED: f32 = constants::MOVED as f32;
-/// Error of Coulomb friction per residual beyond which unlawful friction could hide in the other parameters: 28 at 15.9
+/// Error of Coulomb friction per residual beyond which friction outside the law could hide in the other parameters: 28 at 15.9
 /// Hz, where only the beginning of a steady tone distinguishes Coulomb from viscous friction, and over 6 from 1.2 s on;
 /// under 5 for the other motions of the grid.
 const HIDDEN: f32 = 6.0;
 /// Spring of a creeping screw mistaken for inertance, per share in friction and `fc` over the rms of the acceleration.
 const SPRING: f32 = 0.6;
-/// How far a parameter may be off where the law is broken, per error that all of the unlawful residual would cause if
+/// How far a parameter may be off where the law is broken, per error that all of the unexplained residual would cause if
 /// it resembled its regressor: the other parameters absorb part of what breaks the law. Load-dependent friction reaches
 /// 3.1.
 const REACH: f32 = 3.1;
@@ -218,7 +218,7 @@ pub(crate) fn reach(law: &Law, fit: &Fit) -> f32 {
     }
 }
 
-/// Error of a parameter if all of the unlawful part of the residual resembles its regressor, per standard error;
+/// Error of a parameter if all of the unexplained part of the residual resembles its regressor, per standard error;
 /// `ratio` is the residual's variance over that of its lawful part.
 fn error_per_standard_error(fit: &Fit, ratio: f32) -> f32 {
     sqrt(fit.observations * (1.0 - 1.0 / ratio))
@@ -266,7 +266,7 @@ mod tests {
         let stribeck = assessed(fit([0.003, -5.9, 0.6], 0.66, 600.0), away(0.39));
         assert_eq!(stribeck.regime, Regime::Stribeck);
         assert!(stribeck.errors[0] < 0.01 && stribeck.errors[1] > 11.8 && stribeck.errors[2] > 1.2);
-        // A spring that lowers the inertance, by more than all of the unlawful residual may, is no falling friction.
+        // A spring that lowers the inertance, by more than all of the unexplained residual may, is no falling friction.
         let alike = 0.17 * 0.66 * sqrt(1.0 - (0.39 / 0.66) * (0.39 / 0.66));
         for (lowered, regime) in [(0.9, Regime::Stribeck), (1.1, Regime::Presliding)] {
             let moved = [-lowered * STRIBECK * alike, -5.9, 0.6];
@@ -378,7 +378,7 @@ mod tests {
         }
     }
 
-    /// By hand: all of the unlawful residual would move the parameters by 0.17, 28 and 2.6 per newton. Twice what they
+    /// By hand: all of the unexplained residual would move the parameters by 0.17, 28 and 2.6 per newton. Twice what they
     /// move by and the part that resembles a regressor add by squares; the spring of a creeping screw moves the
     /// inertance.
     #[test]
@@ -426,7 +426,7 @@ mod tests {
         // sqrt(2 / 18 - 2 / 28) = 0.199: up to 1.5 + 0.598 is lawful.
         let chance = |ratio: f32| assessed(fit([0.0; 3], 0.38 * sqrt(ratio), 32.0), fit([0.0; 3], 0.38, 22.0)).regime;
         assert_eq!([2.05, 2.15].map(chance), [Regime::Coulomb, Regime::Presliding]);
-        // Where Coulomb friction moves by more than a tenth of what all of the unlawful residual may, it falls.
+        // Where Coulomb friction moves by more than a tenth of what all of the unexplained residual may, it falls.
         let alike = 2.6 * sqrt(0.66 * 0.66 - 0.39 * 0.39);
         for (part, regime) in [(0.9, Regime::Presliding), (1.1, Regime::Stribeck)] {
             let moved = [0.0, 0.0, 0.5 * part * 0.1 * alike];
@@ -505,7 +505,7 @@ mod tests {
         assert_eq!(judged(1.0, 600.0, 0.0, 1.0, 10_000), Law::default());
     }
 
-    /// Three times the lawful residual: eight ninths of the variance are unlawful.
+    /// Three times the lawful residual: eight ninths of the variance are unexplained.
     #[test]
     fn what_breaks_the_law_reaches_as_far_as_its_part_of_the_residual() {
         let misfit = Some(Misfit { ratio: 3.0, limit: 1.4 });

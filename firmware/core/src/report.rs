@@ -197,7 +197,7 @@ impl Active {
         per_unit * per_unit * scales.quantisation
     }
 
-    /// What the recent memory of the bank that is published knows, and how far its law can be trusted.
+    /// Results of the recent memory of the published bank, and how far its law can be trusted.
     fn recent(&self, state: &State, found: &Backlash, noise: &Heard) -> Recent {
         let (bank, knowledge) = self.choose(state, Knowledge::recent, CLEAR_OF_STEPS);
         let (config, bank_state) = self.bank(state, bank);

@@ -157,7 +157,7 @@ fields! {
     Measured "telemetry_cycles", "Work: telemetry", "", "cycles";
     Measured "commands_cycles", "Work: commands", "", "cycles";
     Measured "usb_cycles", "Work: USB", "", "cycles";
-    Measured "supervising_cycles", "Work: health, lamp, watchdog", "", "cycles";
+    Measured "supervising_cycles", "Work: health, LED, watchdog", "", "cycles";
 }
 
 /// The fields of one group as named for this machine, in the order of its type.

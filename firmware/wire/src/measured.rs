@@ -88,7 +88,7 @@ pub enum Quantity {
     CommandsCycles,
     /// Cycles of the USB task.
     UsbCycles,
-    /// Cycles of the task for health, lamp and watchdog.
+    /// Cycles of the task for health, LED and watchdog.
     SupervisingCycles,
 }
 

@@ -98,7 +98,7 @@ pub fn timebase(rate: &Rate, settings: &Settings, host_ppm: f64) -> Finding {
         finding.remark(
             Level::Bad,
             "odd_rate",
-            "no crystal is that far off: it does not run (see the LED and `inerter monitor`), or sample_rate_hz is not \
+            "no crystal is that far off: it is not running (see the LED and `inerter monitor`), or sample_rate_hz is not \
             the device's",
         );
     } else if rate.deviation.abs() - u95 > in_use || claim < in_use {

@@ -65,7 +65,7 @@ impl Cause {
                 in_unit()
             ),
             Kind::Stribeck => format!(
-                "friction is greater at low speed, by {}: move faster, or read fc as that of fast motion",
+                "friction is greater at low speed, by {}: move faster; fc applies to fast motion only",
                 in_unit()
             ),
             Kind::Presliding => format!(

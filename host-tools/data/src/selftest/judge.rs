@@ -283,7 +283,7 @@ const PREDICTIONS: [(Quantity, &str, &str, f64); 6] = [
     (TelemetryCycles, "work_telemetry", "Cycles of sending", 0.966e6),
     (CommandsCycles, "work_commands", "Cycles of requests", 0.0),
     (UsbCycles, "work_usb", "Cycles of the USB", 0.0),
-    (SupervisingCycles, "work_supervising", "Cycles of health, lamp and watchdog", 0.0106e6),
+    (SupervisingCycles, "work_supervising", "Cycles of health, LED and watchdog", 0.0106e6),
 ];
 
 /// Maximum cycles per instruction on the chip: the pessimistic bound of the twin's model plus 50 %.
