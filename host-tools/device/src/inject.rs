@@ -15,6 +15,8 @@ use crate::{
 
 /// Maximum requests in flight; more would wait in the device's receive buffer.
 const WINDOW: usize = 4;
+/// Events after an estimate and before the next one; our devices send a few.
+const MOST_LATER: usize = 1000;
 /// Time for the reply to a batch.
 const REPLY_TIME: Duration = Duration::from_secs(10);
 /// Time for the device to process its queue at the end.
@@ -192,6 +194,9 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
     fn hold(&mut self, event: EstimatorEvent) -> Result<(), E> {
         let EstimatorEvent::Estimate(estimated) = event else {
             if self.last.is_some() {
+                if self.later.len() >= MOST_LATER {
+                    return Err(DeviceError::Flood { name: self.device.name().into() }.into());
+                }
                 self.later.push(event);
                 return Ok(());
             }

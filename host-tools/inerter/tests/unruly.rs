@@ -71,6 +71,16 @@ fn every_command_ends_soon_after_a_signal_whatever_the_device_does() {
     });
 }
 
+#[test]
+fn a_send_ends_when_the_device_only_warns() {
+    let (folder, device) = (prepared(), Unruly::start(Manner::WarningFlood, 1));
+    let program = inerter(folder.path(), &["send", "sent.mcap", "--json", "--connect", &device.address]).output();
+    let output = program.unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(6), "{errors}");
+    assert!(errors.contains("inerter::device::flood"), "{errors}");
+}
+
 /// The library that reads the keys loops forever if its terminal disappears.
 #[test]
 fn the_screen_ends_with_its_terminal() {

@@ -19,6 +19,9 @@ use super::{
 };
 use crate::Error;
 
+/// The last line lists this many warnings; no estimator gives as many.
+const MOST_WARNINGS: usize = 1000;
+
 /// Send a recording or a CSV file through a device's own estimator.
 ///
 /// Runs faster than real time. Meanwhile the device uses the run's settings; its own are restored afterwards. Prints
@@ -57,7 +60,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
             EstimatorEvent::Estimate(..) => Ok(()),
             // No rows follow, so no header is needed.
             _ => {
-                warnings.extend(warning(machine, t_s, event));
+                if warnings.len() < MOST_WARNINGS {
+                    warnings.extend(warning(machine, t_s, event));
+                }
                 tell(machine, t_s, event, args.json, &mut false)
             }
         }

@@ -208,6 +208,7 @@ fn floods() {
         Manner::RestartFlood,
         Manner::HealthFlood,
         Manner::EventFlood,
+        Manner::WarningFlood,
         Manner::UnknownRecords,
         Manner::RandomRecords,
         Manner::Mutated,

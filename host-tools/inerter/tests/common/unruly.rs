@@ -14,7 +14,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use inerter_core::{Change, RawSample, Settings, Warning, WarningKind};
+use inerter_core::{Change, Estimate, RawSample, Settings, Warning, WarningKind};
 use inerter_data::recording::{Item, read};
 use inerter_needs::Random;
 use inerter_wire::{
@@ -161,6 +161,8 @@ manners! {
     HealthFlood,
     /// Endless events.
     EventFlood,
+    /// Endless warnings of the estimator, after its first estimates.
+    WarningFlood,
     /// Unknown records.
     UnknownRecords,
     /// Known records with random content.
@@ -560,6 +562,14 @@ impl Talk {
                     EventKind::EstimatorReset,
                 ];
                 kinds.into_iter().try_for_each(|kind| self.say(&Record::Event(Event { index: turn, kind })))
+            }
+            Manner::WarningFlood => {
+                if (1..100).contains(&self.taken) {
+                    self.say(&Record::Estimate(Estimate { index: turn, ..Estimate::default() }))?;
+                }
+                let warned = EventKind::Warned(Warning { index: turn, kind: WarningKind::CountSlip });
+                let bytes = payload(&Record::Event(Event { index: turn, kind: warned }));
+                (0..64).try_for_each(|_| self.frame(&bytes))
             }
             Manner::HelloFlood => {
                 let bytes = self.hello();
