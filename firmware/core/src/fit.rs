@@ -31,7 +31,7 @@ pub(crate) struct Fit {
     pub errors: [f32; UNKNOWNS],
     /// That of the inertance, even where the steps are too great a part of the acceleration to identify it.
     pub inertance_error: f32,
-    /// Decrease of each per second by which the force is later [its unit per second].
+    /// Decrease of each per second of delay of the force [its unit per second].
     pub per_skew: [f32; UNKNOWNS],
     /// Mean square of the force's rate that the law does not explain [N^2/s^2]: a skew of a second would add this to
     /// the residual's.

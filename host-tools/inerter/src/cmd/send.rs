@@ -19,7 +19,7 @@ use super::{
 };
 use crate::Error;
 
-/// The last line lists this many warnings; no estimator gives as many.
+/// Most warnings in the last line. Our estimator never gives as many.
 const MOST_WARNINGS: usize = 1000;
 
 /// Send a recording or a CSV file through a device's own estimator.
