@@ -8,7 +8,7 @@
 
 mod kept;
 
-use self::kept::Kept;
+use self::kept::{Kept, LEAST_H};
 use crate::{
     commit::commit,
     firmware::{self, Image},
@@ -114,7 +114,11 @@ struct Seen {
 
 pub fn run(options: &Options) -> Result<()> {
     ensure!(cfg!(target_os = "linux"), "this reads /proc: it runs on Linux only");
-    ensure!(options.hours * 3600.0 >= 20.0, "--hours {}: 20 s at least", options.hours);
+    ensure!(
+        options.hours >= LEAST_H,
+        "--hours {}: at least {LEAST_H}, because shorter runs do not settle",
+        options.hours
+    );
     if !options.keep {
         return portion(options).map(drop);
     }

@@ -10,8 +10,8 @@ use anyhow::Result;
 const TABLE: &str = "docs/tables/soak.md";
 /// Longest portion \[h\].
 const PORTION_H: f64 = 1.0;
-/// Shortest portion \[h\]: shorter runs do not settle.
-const LEAST_H: f64 = 0.05;
+/// Shortest run \[h\]: shorter ones do not settle.
+pub const LEAST_H: f64 = 0.05;
 
 /// All portions so far: their hours, and their rows.
 #[derive(Debug, Default, PartialEq)]
