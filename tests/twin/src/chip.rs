@@ -91,102 +91,87 @@ fn place(peripheral: &str, offset: u32) -> String {
     if peripheral.is_empty() { String::new() } else { format!("{peripheral} + {offset:#x}, ") }
 }
 
-/// The peripheral at a bus address.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Peripheral {
-    Tim2,
-    Tim3,
-    Tim4,
-    Tim5,
-    Tim6,
-    Tim7,
-    Crs,
-    Tamp,
-    Iwdg,
-    Spi2,
-    Usb,
-    Pwr,
-    Lpuart1,
-    Syscfg,
-    Exti,
-    Tim1,
-    Tim8,
-    Tim15,
-    Tim16,
-    Tim17,
-    Dma1,
-    Dma2,
-    Dmamux,
-    Rcc,
-    Flash,
-    Gpio(usize),
-    Adc,
-    Dac1,
-    Dac2,
-    Dbgmcu,
-}
-
 /// An address range of one peripheral.
 struct Block {
     start: u32,
     end: u32,
     name: &'static str,
-    peripheral: Peripheral,
     gate: Option<Gate>,
+    model: fn(&mut Chip) -> &mut dyn Registers,
 }
 
-const fn block(start: u32, name: &'static str, peripheral: Peripheral, register: u32, bit: u32) -> Block {
-    Block { start, end: start + 0x400, name, peripheral, gate: Some(Gate(register, bit)) }
+/// Makes the table of blocks from the address, length, name, clock gate and model of each. What is asked of all models
+/// at each access of the core is compiled for each of them, because most have nothing to answer.
+macro_rules! blocks {
+    ($($start:literal $len:literal $name:literal ($gate:expr) $field:ident $([$index:literal])?;)+) => {
+        const BLOCKS: &[Block] = &[$(Block {
+            start: $start,
+            end: $start + $len,
+            name: $name,
+            gate: $gate,
+            model: |chip| &mut chip.$field $([$index])?,
+        }),+];
+
+        impl Chip {
+            fn next_event_of_models(&self) -> Option<Cycles> {
+                [$(self.$field $([$index])?.next_event()),+].into_iter().flatten().min()
+            }
+
+            fn advance_models(&mut self, now: Cycles) {
+                $(self.$field $([$index])?.advance(now);)+
+            }
+        }
+    };
 }
 
-const fn ungated(start: u32, name: &'static str, peripheral: Peripheral) -> Block {
-    Block { gate: None, ..block(start, name, peripheral, 0, 0) }
+// Sorted by address. The clock of a block without a gate is always on.
+blocks! {
+    0x4000_0000 0x400 "TIM2" (gate(APB1ENR1, 0)) tim2;
+    0x4000_0400 0x400 "TIM3" (gate(APB1ENR1, 1)) tim3;
+    0x4000_0800 0x400 "TIM4" (gate(APB1ENR1, 2)) tim4;
+    0x4000_0c00 0x400 "TIM5" (gate(APB1ENR1, 3)) tim5;
+    0x4000_1000 0x400 "TIM6" (gate(APB1ENR1, 4)) tim6;
+    0x4000_1400 0x400 "TIM7" (gate(APB1ENR1, 5)) tim7;
+    0x4000_2000 0x400 "CRS" (gate(APB1ENR1, 8)) crs;
+    0x4000_2400 0x400 "TAMP" (gate(APB1ENR1, 10)) tamp;
+    0x4000_3000 0x400 "IWDG" (None) iwdg;
+    0x4000_3800 0x400 "SPI2" (gate(APB1ENR1, 14)) spi2;
+    // Registers, then the packet memory at offset 0x400.
+    0x4000_5c00 0x800 "USB" (gate(APB1ENR1, 23)) usb;
+    0x4000_7000 0x400 "PWR" (gate(APB1ENR1, 28)) pwr;
+    0x4000_8000 0x400 "LPUART1" (gate(APB1ENR2, 0)) lpuart1;
+    0x4001_0000 0x30 "SYSCFG" (gate(APB2ENR, 0)) syscfg;
+    0x4001_0400 0x400 "EXTI" (None) exti;
+    0x4001_2c00 0x400 "TIM1" (gate(APB2ENR, 11)) tim1;
+    0x4001_3400 0x400 "TIM8" (gate(APB2ENR, 13)) tim8;
+    0x4001_4000 0x400 "TIM15" (gate(APB2ENR, 16)) tim15;
+    0x4001_4400 0x400 "TIM16" (gate(APB2ENR, 17)) tim16;
+    0x4001_4800 0x400 "TIM17" (gate(APB2ENR, 18)) tim17;
+    0x4002_0000 0x400 "DMA1" (gate(AHB1ENR, 0)) dma[0];
+    0x4002_0400 0x400 "DMA2" (gate(AHB1ENR, 1)) dma[1];
+    0x4002_0800 0x400 "DMAMUX" (gate(AHB1ENR, 2)) dmamux;
+    0x4002_1000 0x400 "RCC" (None) rcc;
+    0x4002_2000 0x400 "FLASH" (gate(AHB1ENR, 8)) flash;
+    0x4800_0000 0x400 "GPIOA" (gate(AHB2ENR, 0)) gpio[0];
+    0x4800_0400 0x400 "GPIOB" (gate(AHB2ENR, 1)) gpio[1];
+    0x4800_0800 0x400 "GPIOC" (gate(AHB2ENR, 2)) gpio[2];
+    0x4800_0c00 0x400 "GPIOD" (gate(AHB2ENR, 3)) gpio[3];
+    0x4800_1000 0x400 "GPIOE" (gate(AHB2ENR, 4)) gpio[4];
+    0x4800_1400 0x400 "GPIOF" (gate(AHB2ENR, 5)) gpio[5];
+    0x4800_1800 0x400 "GPIOG" (gate(AHB2ENR, 6)) gpio[6];
+    // ADC1, ADC2 and their common registers; ADC3 to ADC5, which follow, have their own gate.
+    0x5000_0000 0x800 "ADC" (gate(AHB2ENR, 13)) adc;
+    0x5000_0800 0x400 "DAC1" (gate(AHB2ENR, 16)) dac[0];
+    0x5000_0c00 0x400 "DAC2" (gate(AHB2ENR, 17)) dac[1];
+    0xe004_2000 0x400 "DBGMCU" (None) dbgmcu;
 }
 
-/// Sorted by address. The clock of a block without a gate is always on.
-const BLOCKS: [Block; 36] = {
-    use Peripheral::*;
-    [
-        block(0x4000_0000, "TIM2", Tim2, APB1ENR1, 0),
-        block(0x4000_0400, "TIM3", Tim3, APB1ENR1, 1),
-        block(0x4000_0800, "TIM4", Tim4, APB1ENR1, 2),
-        block(0x4000_0c00, "TIM5", Tim5, APB1ENR1, 3),
-        block(0x4000_1000, "TIM6", Tim6, APB1ENR1, 4),
-        block(0x4000_1400, "TIM7", Tim7, APB1ENR1, 5),
-        block(0x4000_2000, "CRS", Crs, APB1ENR1, 8),
-        block(0x4000_2400, "TAMP", Tamp, APB1ENR1, 10),
-        ungated(0x4000_3000, "IWDG", Iwdg),
-        block(0x4000_3800, "SPI2", Spi2, APB1ENR1, 14),
-        // Registers, then the packet memory at offset 0x400.
-        Block { end: 0x4000_6400, ..block(0x4000_5c00, "USB", Usb, APB1ENR1, 23) },
-        block(0x4000_7000, "PWR", Pwr, APB1ENR1, 28),
-        block(0x4000_8000, "LPUART1", Lpuart1, APB1ENR2, 0),
-        Block { end: 0x4001_0030, ..block(0x4001_0000, "SYSCFG", Syscfg, APB2ENR, 0) },
-        ungated(0x4001_0400, "EXTI", Exti),
-        block(0x4001_2c00, "TIM1", Tim1, APB2ENR, 11),
-        block(0x4001_3400, "TIM8", Tim8, APB2ENR, 13),
-        block(0x4001_4000, "TIM15", Tim15, APB2ENR, 16),
-        block(0x4001_4400, "TIM16", Tim16, APB2ENR, 17),
-        block(0x4001_4800, "TIM17", Tim17, APB2ENR, 18),
-        block(0x4002_0000, "DMA1", Dma1, AHB1ENR, 0),
-        block(0x4002_0400, "DMA2", Dma2, AHB1ENR, 1),
-        block(0x4002_0800, "DMAMUX", Dmamux, AHB1ENR, 2),
-        ungated(0x4002_1000, "RCC", Rcc),
-        block(0x4002_2000, "FLASH", Flash, AHB1ENR, 8),
-        block(0x4800_0000, "GPIOA", Gpio(0), AHB2ENR, 0),
-        block(0x4800_0400, "GPIOB", Gpio(1), AHB2ENR, 1),
-        block(0x4800_0800, "GPIOC", Gpio(2), AHB2ENR, 2),
-        block(0x4800_0c00, "GPIOD", Gpio(3), AHB2ENR, 3),
-        block(0x4800_1000, "GPIOE", Gpio(4), AHB2ENR, 4),
-        block(0x4800_1400, "GPIOF", Gpio(5), AHB2ENR, 5),
-        block(0x4800_1800, "GPIOG", Gpio(6), AHB2ENR, 6),
-        // ADC1, ADC2 and their common registers; ADC3 to ADC5, which follow, have their own gate.
-        Block { end: 0x5000_0800, ..block(0x5000_0000, "ADC", Adc, AHB2ENR, 13) },
-        block(0x5000_0800, "DAC1", Dac1, AHB2ENR, 16),
-        block(0x5000_0c00, "DAC2", Dac2, AHB2ENR, 17),
-        ungated(0xe004_2000, "DBGMCU", Dbgmcu),
-    ]
-};
+const fn gate(register: u32, bit: u32) -> Option<Gate> {
+    Some(Gate(register, bit))
+}
+
+/// Ports A to G.
+const GPIO: std::ops::Range<u32> = 0x4800_0000..0x4800_1c00;
 /// ADC3, ADC4, ADC5.
 const ADC345: std::ops::Range<u32> = 0x5000_0400..0x5000_0800;
 const ADC345_GATE: Gate = Gate(AHB2ENR, 14);
@@ -312,6 +297,8 @@ pub struct Chip {
     path_fault: Option<BadAccess>,
     /// No event is due before this time.
     due: Cycles,
+    /// Something has happened besides accesses of the core since [`Self::next_event`] was last asked.
+    pub(crate) has_moved: bool,
 }
 
 impl Chip {
@@ -361,42 +348,7 @@ impl Chip {
             rules: Rules::Enforced,
             path_fault: None,
             due: 0,
-        }
-    }
-
-    fn model(&mut self, peripheral: Peripheral) -> &mut dyn Registers {
-        use Peripheral::*;
-        match peripheral {
-            Tim1 => &mut self.tim1,
-            Tim2 => &mut self.tim2,
-            Tim3 => &mut self.tim3,
-            Tim4 => &mut self.tim4,
-            Tim5 => &mut self.tim5,
-            Tim6 => &mut self.tim6,
-            Tim7 => &mut self.tim7,
-            Tim8 => &mut self.tim8,
-            Tim15 => &mut self.tim15,
-            Tim16 => &mut self.tim16,
-            Tim17 => &mut self.tim17,
-            Crs => &mut self.crs,
-            Tamp => &mut self.tamp,
-            Iwdg => &mut self.iwdg,
-            Spi2 => &mut self.spi2,
-            Usb => &mut self.usb,
-            Pwr => &mut self.pwr,
-            Lpuart1 => &mut self.lpuart1,
-            Syscfg => &mut self.syscfg,
-            Exti => &mut self.exti,
-            Dma1 => &mut self.dma[0],
-            Dma2 => &mut self.dma[1],
-            Dmamux => &mut self.dmamux,
-            Rcc => &mut self.rcc,
-            Flash => &mut self.flash,
-            Gpio(port) => &mut self.gpio[port],
-            Adc => &mut self.adc,
-            Dac1 => &mut self.dac[0],
-            Dac2 => &mut self.dac[1],
-            Dbgmcu => &mut self.dbgmcu,
+            has_moved: true,
         }
     }
 
@@ -459,21 +411,21 @@ impl Chip {
 
     fn read_register(&mut self, block: &Block, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         if !self.is_clocked(block, offset) {
-            match (self.rules, block.peripheral) {
+            match (self.rules, block.name) {
                 (Rules::Enforced, _) => return Err(CLOCK_OFF),
                 // The PWR registers are in a domain that is always clocked.
-                (Rules::AsOnTheChip, Peripheral::Pwr) => {}
+                (Rules::AsOnTheChip, "PWR") => {}
                 (Rules::AsOnTheChip, _) => return Ok(0),
             }
         }
-        if block.peripheral == Peripheral::Tim2 {
+        if block.name == "TIM2" {
             self.latch_encoder(now);
         }
-        self.model(block.peripheral).read(offset, width, now)
+        (block.model)(self).read(offset, width, now)
     }
 
     fn write_register(&mut self, block: &Block, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
-        let in_backup = block.peripheral == Peripheral::Tamp || block.start + offset == RCC_BDCR;
+        let in_backup = block.name == "TAMP" || block.start + offset == RCC_BDCR;
         let refused = match (self.is_clocked(block, offset), in_backup && !self.pwr.backup_is_open()) {
             (false, _) => Some(CLOCK_OFF),
             (true, true) => Some(BACKUP_SHUT),
@@ -482,36 +434,37 @@ impl Chip {
         if let Some(what) = refused {
             return if self.rules == Rules::Enforced { Err(what) } else { Ok(()) };
         }
-        match block.peripheral {
-            Peripheral::Rcc => {
+        match block.name {
+            "RCC" => {
                 self.rcc.write(offset, value, width, now)?;
                 self.reset_held(now);
                 self.change_clocks(now)
             }
-            Peripheral::Pwr | Peripheral::Flash => {
-                self.model(block.peripheral).write(offset, value, width, now)?;
+            "PWR" | "FLASH" => {
+                (block.model)(self).write(offset, value, width, now)?;
                 self.rcc.check(&self.clocks, self.pwr.boost(), self.flash.wait_states())
             }
-            Peripheral::Gpio(port) => {
+            _ if GPIO.contains(&block.start) => {
+                let port = ((block.start - GPIO.start) / 0x400) as usize;
                 let before = self.gpio[port].pins();
                 self.gpio[port].write(offset, value, width, now)?;
                 self.pins_changed(port, before, now);
                 self.follow_jumpers();
                 Ok(())
             }
-            Peripheral::Tim2 => {
+            "TIM2" => {
                 self.latch_encoder(now);
                 self.tim2.write(offset, value, width, now)
             }
-            peripheral => self.model(peripheral).write(offset, value, width, now),
+            _ => (block.model)(self).write(offset, value, width, now),
         }
     }
 
     /// Resets the peripherals that RCC holds in reset.
     fn reset_held(&mut self, now: Cycles) {
-        for block in &BLOCKS {
+        for block in BLOCKS {
             if block.gate.is_some_and(|gate| self.rcc.is_reset(gate)) {
-                self.model(block.peripheral).reset(now);
+                (block.model)(self).reset(now);
             }
         }
     }
@@ -528,8 +481,8 @@ impl Chip {
 
     fn use_clocks(&mut self, clocks: Clocks, now: Cycles) {
         self.clocks = clocks;
-        for block in &BLOCKS {
-            let model = self.model(block.peripheral);
+        for block in BLOCKS {
+            let model = (block.model)(self);
             model.advance(now);
             model.set_clocks(&clocks);
         }
@@ -670,55 +623,54 @@ impl Chip {
         if self.pin_mode(self.board.serial_tx) == LPUART1_FUNCTION { sent } else { Vec::new() }
     }
 
-    /// Name, number and level of each interrupt request (RM0440 table 97), except those of DMA.
-    fn interrupts(&self) -> [(&'static str, u32, bool); 29] {
+    /// Tells name, number and level of each interrupt request (RM0440 table 97), except those of DMA.
+    fn interrupts(&self, mut tell: impl FnMut(&'static str, u32, bool)) {
         use adc::Unit;
-        [
-            ("FLASH", 4, self.flash.irq()),
-            ("EXTI0", 6, self.exti.requests(1 << 0)),
-            ("EXTI1", 7, self.exti.requests(1 << 1)),
-            ("EXTI2", 8, self.exti.requests(1 << 2)),
-            ("EXTI3", 9, self.exti.requests(1 << 3)),
-            ("EXTI4", 10, self.exti.requests(1 << 4)),
-            ("ADC1_2", 18, self.adc.irq(Unit::One) || self.adc.irq(Unit::Two)),
-            ("USB_LP", 20, self.usb.irq_low()),
-            ("EXTI9_5", 23, self.exti.requests(0x3e0)),
-            ("TIM1_BRK_TIM15", 24, self.tim15.irq()),
-            ("TIM1_UP_TIM16", 25, self.tim16.irq() || self.tim1.irq_update()),
-            ("TIM1_TRG_COM_TIM17", 26, self.tim17.irq()),
-            ("TIM1_CC", 27, self.tim1.irq_compare()),
-            ("TIM2", 28, self.tim2.irq()),
-            ("TIM3", 29, self.tim3.irq()),
-            ("TIM4", 30, self.tim4.irq()),
-            ("SPI2", 36, self.spi2.irq()),
-            ("EXTI15_10", 40, self.exti.requests(0xfc00)),
-            ("USBWAKEUP", 42, self.usb.irq_wakeup() && self.exti.unmasked(18)),
-            ("TIM8_UP", 44, self.tim8.irq_update()),
-            ("TIM8_CC", 46, self.tim8.irq_compare()),
-            ("TIM5", 50, self.tim5.irq()),
-            ("TIM6_DAC", 54, self.tim6.irq() || self.dac[0].irq()),
-            ("TIM7_DAC", 55, self.tim7.irq() || self.dac[1].irq()),
-            ("ADC3", 47, self.adc.irq(Unit::Three)),
-            ("ADC4", 61, self.adc.irq(Unit::Four)),
-            ("ADC5", 62, self.adc.irq(Unit::Five)),
-            ("CRS", 75, self.crs.irq()),
-            ("LPUART1", 91, self.lpuart1.irq()),
-        ]
+        tell("FLASH", 4, self.flash.irq());
+        tell("EXTI0", 6, self.exti.requests(1 << 0));
+        tell("EXTI1", 7, self.exti.requests(1 << 1));
+        tell("EXTI2", 8, self.exti.requests(1 << 2));
+        tell("EXTI3", 9, self.exti.requests(1 << 3));
+        tell("EXTI4", 10, self.exti.requests(1 << 4));
+        tell("ADC1_2", 18, self.adc.irq(Unit::One) || self.adc.irq(Unit::Two));
+        tell("USB_LP", 20, self.usb.irq_low());
+        tell("EXTI9_5", 23, self.exti.requests(0x3e0));
+        tell("TIM1_BRK_TIM15", 24, self.tim15.irq());
+        tell("TIM1_UP_TIM16", 25, self.tim16.irq() || self.tim1.irq_update());
+        tell("TIM1_TRG_COM_TIM17", 26, self.tim17.irq());
+        tell("TIM1_CC", 27, self.tim1.irq_compare());
+        tell("TIM2", 28, self.tim2.irq());
+        tell("TIM3", 29, self.tim3.irq());
+        tell("TIM4", 30, self.tim4.irq());
+        tell("SPI2", 36, self.spi2.irq());
+        tell("EXTI15_10", 40, self.exti.requests(0xfc00));
+        tell("USBWAKEUP", 42, self.usb.irq_wakeup() && self.exti.unmasked(18));
+        tell("TIM8_UP", 44, self.tim8.irq_update());
+        tell("TIM8_CC", 46, self.tim8.irq_compare());
+        tell("TIM5", 50, self.tim5.irq());
+        tell("TIM6_DAC", 54, self.tim6.irq() || self.dac[0].irq());
+        tell("TIM7_DAC", 55, self.tim7.irq() || self.dac[1].irq());
+        tell("ADC3", 47, self.adc.irq(Unit::Three));
+        tell("ADC4", 61, self.adc.irq(Unit::Four));
+        tell("ADC5", 62, self.adc.irq(Unit::Five));
+        tell("CRS", 75, self.crs.irq());
+        tell("LPUART1", 91, self.lpuart1.irq());
     }
 
     /// Levels of the interrupt requests: bit n for interrupt n.
     pub fn irq_lines(&self) -> u128 {
         let channels = self.dma.iter().flat_map(|dma| &dma.channels);
-        let dma = DMA_INTERRUPTS.into_iter().flatten().zip(channels.map(|channel| channel.irq()));
-        let others = self.interrupts().map(|(_, number, level)| (number, level));
-        dma.chain(others).fold(0, |levels, (number, level)| levels | u128::from(level) << number)
+        let raised = DMA_INTERRUPTS.into_iter().flatten().zip(channels).filter(|(_, channel)| channel.irq());
+        let mut levels = raised.fold(0, |levels, (number, _)| levels | 1 << number);
+        self.interrupts(|_, number, level| levels |= u128::from(level) << number);
+        levels
     }
 
     /// Names of the storage registers that were read but never written.
     pub fn unwritten_reads(&mut self) -> Vec<String> {
         let mut list = Vec::new();
-        for block in &BLOCKS {
-            let offsets = self.model(block.peripheral).unwritten_reads();
+        for block in BLOCKS {
+            let offsets = (block.model)(self).unwritten_reads();
             list.extend(offsets.into_iter().map(|offset| format!("{} + {offset:#x}", block.name)));
         }
         list
@@ -976,9 +928,7 @@ mod tests {
     fn interrupts_have_metapacs_numbers() {
         let metapac = stm32_metapac::metadata::METADATA.interrupts;
         let number = |name: &str| metapac.iter().find(|one| one.name == name).map(|one| one.number);
-        for (name, ours, _) in chip().interrupts() {
-            assert_eq!(Some(ours), number(name), "{name}");
-        }
+        chip().interrupts(|name, ours, _| assert_eq!(Some(ours), number(name), "{name}"));
         for channel in 0..8 {
             for (dma, ours) in ["DMA1", "DMA2"].into_iter().zip(DMA_INTERRUPTS) {
                 let name = format!("{dma}_CHANNEL{}", channel + 1);

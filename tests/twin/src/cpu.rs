@@ -203,9 +203,17 @@ enum Sleep {
 impl Core {
     /// Updates the interrupt requests and the time of the next event.
     fn refresh(&mut self) {
+        self.refresh_requests();
+        self.refresh_deadline();
+    }
+
+    fn refresh_requests(&mut self) {
         self.nvic.set_lines(self.chip.irq_lines(), self.chip.nmi());
         self.nvic.advance(self.now);
         self.check = self.nvic.wants_attention();
+    }
+
+    fn refresh_deadline(&mut self) {
         let events = [self.chip.next_event(), self.nvic.next_event()];
         self.deadline = events.into_iter().flatten().min().map_or(self.limit, |event| event.min(self.limit));
     }
@@ -222,12 +230,16 @@ impl Core {
         self.refresh();
     }
 
-    fn after_access(&mut self) {
+    fn after_access(&mut self, is_write: bool) {
         self.now += self.chip.flash.take_stall();
         if let Some(bad) = self.chip.take_fault() {
             self.stop.get_or_insert(Stop::Bus(bad));
         }
-        self.refresh();
+        self.refresh_requests();
+        // A read alone brings no event forward, and programs poll.
+        if is_write || self.chip.has_moved {
+            self.refresh_deadline();
+        }
         if self.stop.is_some() || self.reset_wanted().is_some() {
             self.deadline = 0;
         }
@@ -259,7 +271,7 @@ impl Core {
             0
         });
         self.model(|model, _| model.register(address));
-        self.after_access();
+        self.after_access(value.is_some());
         // A change of a region takes effect from the next block on.
         if value.is_some() && (MPU..MPU + 0x30).contains(&address) {
             self.deadline = 0;

@@ -61,6 +61,7 @@ impl Chip {
             if self.path_fault.is_some() {
                 return;
             }
+            self.has_moved = true;
             if let Err(unknown) = self.step(at) {
                 self.fault("signal path", 0, unknown);
             }
@@ -317,6 +318,7 @@ impl Chip {
                 Ok(Some(transfer)) => {
                     self.transfer(channel, &transfer, now);
                     self.acknowledge(request, channel);
+                    self.has_moved = true;
                     return true;
                 }
                 Err(unknown) => self.fault("DMA", 0, unknown),

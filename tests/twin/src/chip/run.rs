@@ -25,10 +25,9 @@ impl Chip {
 
     /// The latest time at which [`Self::advance`] must be called.
     pub fn next_event(&mut self) -> Option<Cycles> {
-        let of_path = self.pipeline_next_event();
-        let of_models = BLOCKS.iter().filter_map(|block| self.model(block.peripheral).next_event());
-        let event = of_models.chain(of_path).min();
+        let event = [self.next_event_of_models(), self.pipeline_next_event()].into_iter().flatten().min();
         self.due = event.unwrap_or(Cycles::MAX);
+        self.has_moved = false;
         event
     }
 
@@ -38,22 +37,21 @@ impl Chip {
         if now < self.due {
             return;
         }
+        self.has_moved = true;
         if self.rcc.switches(now)
             && let Err(unknown) = self.change_clocks(now)
         {
             self.fault("RCC", RCC_CFGR, unknown);
         }
-        for block in &BLOCKS {
-            self.model(block.peripheral).advance(now);
-        }
+        self.advance_models(now);
     }
 
     /// Resets the chip for this cause. RAM is kept; to lose power, call [`Self::lose_power`] first.
     pub fn reset(&mut self, cause: Reset, now: Cycles) {
         self.advance(now);
         let mem_mode = self.syscfg.mem_mode();
-        for block in &BLOCKS {
-            self.model(block.peripheral).reset(now);
+        for block in BLOCKS {
+            (block.model)(self).reset(now);
         }
         if cause == Reset::Software {
             self.syscfg.restore(mem_mode);
