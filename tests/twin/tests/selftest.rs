@@ -6,7 +6,7 @@
 //! has a terminal with a simulated person. Whatever the outcome, the board's own report must show the settings from
 //! before the test.
 //!
-//! Slow: about a minute each. Skipped if the image or the program is missing.
+//! Slow: a quarter of a minute each, or more with jumpers. Skipped if the image or the program is missing.
 
 use crate::common::carried_by;
 use inerter_core::Settings;
@@ -337,26 +337,32 @@ fn a_sound_board_passes() {
     assert!(outcome.names("pass").len() >= 30, "{:?}", outcome.names("pass"));
 }
 
+/// The request is lost before the program connects: the board counts it, but says only once what it was.
 #[test]
-fn a_wrong_clock_is_named() {
+fn a_wrong_clock_and_a_lost_dma_request_are_named() {
     let board = Board { hse_hz: 24.24e6, ..Board::NUCLEO };
     let machine = move |image: &[u8]| {
         let options = Options { board, ..Options::default() };
-        Machine::with(image, options, Still).expect("the image")
+        let mut machine = Machine::with(image, options, Still).expect("the image");
+        machine.chip_mut().planted.lost = Some((DmaRequest::Tim6Update, 1.0));
+        machine
     };
     let Some(outcome) = selftest("clock", WITHOUT, machine) else { return };
-    outcome.fails(&["clock_usb"]);
+    outcome.fails(&["clock_usb", "overruns"]);
+    assert!(outcome.reason("overruns").starts_with("a DMA transfer was lost"), "{}", outcome.reason("overruns"));
     assert!(outcome.reason("clock_usb").contains("1.00 % fast: its crystal"), "{}", outcome.reason("clock_usb"));
     assert!(outcome.page.contains("its crystal is not the one"));
 }
 
-/// The sampling timer is reloaded as if the firmware had computed twice its period. All other clocks are right.
+/// The sampling timer is reloaded as if the firmware had computed twice its period, until the test restarts the board.
+/// All other clocks are right.
 #[test]
-fn half_the_sample_rate_is_named() {
+fn half_the_sample_rate_and_a_late_converter_are_named() {
     const AUTO_RELOAD: u32 = 0x2C;
     const TWICE: u32 = 2 * 2625 - 1;
-    let machine = |image: &[u8]| {
-        let mut machine = board(image);
+    let late = Planted { late: [2 * 168, 0], ..Planted::default() };
+    let machine = move |image: &[u8]| {
+        let mut machine = wired(Jumpers::RIGHT, late)(image);
         machine.run_for(START_S).expect("starts");
         let now = machine.now();
         let timer = &mut machine.chip_mut().tim6;
@@ -364,21 +370,28 @@ fn half_the_sample_rate_is_named() {
         timer.write(AUTO_RELOAD, TWICE, Width::Word, now).expect("as the firmware does");
         machine
     };
-    let Some(outcome) = selftest("half", WITHOUT, machine) else { return };
-    outcome.fails(&["sample_rate"]);
+    let Some(outcome) = selftest("half", UNPLUGGED, machine) else { return };
+    outcome.fails(&["sample_rate", "timing"]);
     assert!(outcome.reason("sample_rate").starts_with("the sampling timer runs at a wrong rate"));
+    // The test of the library checks the delay, without time pressure.
+    let late = outcome.reason("timing");
+    assert!(late.contains("us too late: force and position are not simultaneous"), "{late}");
+    nothing_follows(&outcome);
 }
 
 #[test]
-fn noise_that_is_too_high_is_named() {
-    let machine = |image: &[u8]| {
-        let mut machine = board(image);
+fn noise_that_is_too_high_and_swapped_encoder_wires_are_named() {
+    let Jumpers { a, b, .. } = Jumpers::RIGHT;
+    let machine = move |image: &[u8]| {
+        let mut machine = wired(Jumpers { a: b, b: a, ..Jumpers::RIGHT }, Planted::default())(image);
         machine.chip_mut().adc.set_quality(Quality { noise_lsb: 6.0, ..Quality::default() });
         machine
     };
-    let Some(outcome) = selftest("noise", WITHOUT, machine) else { return };
-    outcome.fails(&["noise_force", "noise_terminal"]);
+    let Some(outcome) = selftest("noise", UNPLUGGED, machine) else { return };
+    outcome.fails(&["noise_force", "noise_terminal", "encoder_wires"]);
     assert!(outcome.reason("noise_force").starts_with("the noise is too high"));
+    assert!(outcome.reason("encoder_wires").contains("A and B are swapped"), "{}", outcome.reason("encoder_wires"));
+    nothing_follows(&outcome);
 }
 
 /// Sends Ctrl-C some time after the program prints `prompt`. Afterwards the board must have its settings again. A new
@@ -480,38 +493,26 @@ fn a_sound_board_passes_through_jumpers() {
     assert!(!outcome.errors.contains("--write saves nothing"), "{}", outcome.errors);
 }
 
-/// With the flag, the program asks no question. Only the check for this fault fails, and the program plays nothing
-/// after it.
+/// With the flag, the program asks no question. After a check of the jumpers has failed, it plays nothing more.
+fn nothing_follows(outcome: &Outcome) {
+    assert!(!outcome.errors.contains(QUESTION));
+    assert!(!outcome.names("pass").contains(&"inertance"));
+    is_not_written(outcome);
+}
+
+/// Only the check for this fault fails.
 fn is_named(name: &str, check: &str, cause: &str, machine: impl FnOnce(&[u8]) -> Machine + Send + 'static) {
     let Some(outcome) = selftest(name, UNPLUGGED, machine) else { return };
-    assert!(!outcome.errors.contains(QUESTION));
     outcome.fails(&[check]);
     assert!(outcome.reason(check).contains(cause), "{}", outcome.reason(check));
     assert!(outcome.page.contains(cause));
-    assert!(!outcome.names("pass").contains(&"inertance"));
-    is_not_written(&outcome);
-}
-
-#[test]
-#[ignore = "long: cargo xtask test --full"]
-fn encoder_wires_that_are_swapped_are_named() {
-    let Jumpers { a, b, .. } = Jumpers::RIGHT;
-    let jumpers = Jumpers { a: b, b: a, ..Jumpers::RIGHT };
-    is_named("swapped", "encoder_wires", "A and B are swapped", wired(jumpers, Planted::default()));
+    nothing_follows(&outcome);
 }
 
 #[test]
 fn a_wire_that_is_missing_is_named() {
     let jumpers = Jumpers { terminal: None, ..Jumpers::RIGHT };
     is_named("missing", "terminal_wire", "PA6 to PA1 is missing", wired(jumpers, Planted::default()));
-}
-
-#[test]
-#[ignore = "long: cargo xtask test --full"]
-fn a_converter_that_looks_late_is_named() {
-    let planted = Planted { late: [2 * 168, 0], ..Planted::default() };
-    // The test of the library checks the delay, without time pressure.
-    is_named("late", "timing", "us too late: force and position are not simultaneous", wired(Jumpers::RIGHT, planted));
 }
 
 /// Whether the sampler loses samples before anything is played, or while which tape is played, depends on the moment.
@@ -527,17 +528,6 @@ fn a_wrong_trigger_is_named() {
     assert!(outcome.reason(last).contains("trigger"), "{}", outcome.reason(last));
     assert_eq!(outcome.code, Some(10), "{}", outcome.errors);
     is_not_written(&outcome);
-}
-
-/// The request is lost before the program connects: the board counts it, but says only once what it was.
-#[test]
-#[ignore = "long: cargo xtask test --full"]
-fn a_lost_dma_request_is_named() {
-    let planted = Planted { lost: Some((DmaRequest::Tim6Update, 1.0)), ..Planted::default() };
-    let Some(outcome) = selftest("request", WITHOUT, wired(Jumpers::RIGHT, planted)) else { return };
-    assert_eq!(outcome.names("fail"), ["overruns"], "{}", outcome.errors);
-    assert!(outcome.reason("overruns").starts_with("a DMA transfer was lost"), "{}", outcome.reason("overruns"));
-    assert_eq!(outcome.code, Some(10), "{}", outcome.errors);
 }
 
 #[test]

@@ -18,8 +18,11 @@ const DEVICE: u32 = 0x469;
 /// Flash that the firmware needs (KB).
 const FLASH_KB: f64 = 512.0;
 /// RCC_CSR (RM0440 7.4.30).
+const POWER_RESET: u32 = 1 << 27;
 const SOFTWARE_RESET: u32 = 1 << 28;
 const WATCHDOG_RESET: u32 = 1 << 29;
+/// By the window watchdog or an illegal low-power mode: the firmware uses neither.
+const FOREIGN_RESET: u32 = 1 << 30 | 1 << 31;
 /// RCC_CR (RM0440 7.4.1).
 const CRYSTAL_READY: u32 = 1 << 17;
 const PLL_READY: u32 = 1 << 25;
@@ -39,8 +42,8 @@ const FREE_STACK: f64 = 0.25;
 const CRYSTAL_PPM: f64 = 600.0;
 /// Allowed error of the chip's internal oscillator (DS12288, table 43).
 const INTERNAL_PPM: f64 = 20_000.0;
-/// Noise of one conversion, rms: a signal-to-noise ratio of 66 dB is 0.7 codes (DS12288, table 67); an amplifier may
-/// double it.
+/// Noise of one conversion, rms: a signal-to-noise ratio of 66 dB is 0.7 codes (DS12288, table 67); the rest is for an
+/// amplifier.
 const NOISE_CODES: f64 = 2.0;
 /// A working converter is never quieter than this (codes).
 const LEAST_NOISE_CODES: f64 = 0.05;
@@ -70,7 +73,7 @@ fn reported<T>(value: Option<T>, text: impl FnOnce(T) -> String) -> String {
     value.map_or("not reported".into(), text)
 }
 
-/// The chip: identity, flash, option bytes, stack.
+/// The chip: identity, flash, option bytes, stack, and the cause of its last start.
 pub fn chip(measured: &Measured, hello: &Hello) -> Vec<Check> {
     let get = |quantity| measured.get(quantity);
     let id = get(DeviceId);
@@ -119,7 +122,22 @@ pub fn chip(measured: &Measured, hello: &Hello) -> Vec<Check> {
         free.filter(|_| stack.is_some()),
         |_| "the stack has been nearly full: please report it",
     );
-    vec![device, flash, agree, options, stack]
+    // If the power was gone, the other flags are of the time before.
+    let flags = get(ResetFlags);
+    let doubtful =
+        flags.map(|flags| if flags & POWER_RESET != 0 { 0 } else { flags & (WATCHDOG_RESET | FOREIGN_RESET) });
+    let (name, label) = ("start", "Last start before the test");
+    let start = if doubtful == Some(WATCHDOG_RESET) {
+        Check::skipped(
+            name,
+            label,
+            "not judged: by the watchdog, as after some self-tests; otherwise the firmware hung",
+        )
+    } else {
+        let cause = (doubtful != Some(0)).then_some("the firmware causes no such reset: please report it");
+        Check::words(name, label, "by power, pin, command or option bytes", reported(flags, hex), cause)
+    };
+    vec![device, flash, agree, options, stack, start]
 }
 
 /// By how much the reported time since the start must fall short of the time without a restart (s): the report has
@@ -141,11 +159,7 @@ pub struct Start {
 /// flags.
 pub fn restart(name: &'static str, label: &'static str, expected: ResetCause, start: &Start) -> Check {
     let Start { told, flags, uptime_s } = *start;
-    let wanted = match expected {
-        ResetCause::Software => SOFTWARE_RESET,
-        ResetCause::Watchdog => WATCHDOG_RESET,
-        _ => 0,
-    };
+    let wanted = if expected == ResetCause::Watchdog { WATCHDOG_RESET } else { SOFTWARE_RESET };
     let flags_words = flags.map_or("no flags".into(), |flags| format!("flags 0x{flags:08X}"));
     let mut found = format!("{}, {flags_words}", reported(told, |told| told.to_string()));
     if told.is_none() {
