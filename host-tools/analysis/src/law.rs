@@ -7,7 +7,7 @@
 use inerter_core::constants::{FORCE_TAPS, LONGEST_SPACING, RATE_TAPS, REST_COUNTS, SIGN_TAPS};
 use inerter_core::{Bank, Parameter, Parameters, Settings};
 use inerter_data::series::Stretch;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// Minimum independent observations for a judgement on terms beyond the law.
 pub(crate) const LEAST_OBSERVATIONS: f64 = 30.0;
@@ -201,6 +201,11 @@ pub(crate) fn products(columns: &[Vec<f64>], others: &[Vec<f64>]) -> DMatrix<f64
     DMatrix::from_fn(columns.len(), others.len(), |i, j| dot(&columns[i], &others[j]))
 }
 
+/// Products of all columns with one.
+pub(crate) fn products_with(columns: &[Vec<f64>], one: &[f64]) -> DVector<f64> {
+    DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, one)))
+}
+
 /// A column minus these multiples of others.
 pub(crate) fn less(column: &[f64], others: &[Vec<f64>], parts: &[f64]) -> Vec<f64> {
     let mut left = column.to_vec();
@@ -224,6 +229,71 @@ pub(crate) fn scaled(matrix: &DMatrix<f64>, unit: &[f64]) -> DMatrix<f64> {
 pub(crate) fn inverse(gram: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let unit = scales(gram);
     Some(scaled(&scaled(gram, &unit).cholesky()?.inverse(), &unit))
+}
+
+/// Least squares of rows on columns.
+pub(crate) struct Squares {
+    pub columns: Vec<Vec<f64>>,
+    /// Inverse of the columns' Gram matrix.
+    pub inverse: DMatrix<f64>,
+    pub values: DVector<f64>,
+    pub residual: Vec<f64>,
+}
+
+/// The effect of one more column.
+pub(crate) struct More {
+    /// Its coefficient.
+    pub size: f64,
+    /// Fraction of its square that the others leave.
+    pub left: f64,
+    /// Square that it would explain.
+    pub explained: f64,
+    /// What it would take from the coefficients of the others, per unit of its own coefficient.
+    along: DVector<f64>,
+    /// Square of what the others leave of it.
+    square: f64,
+}
+
+impl Squares {
+    /// Fits the columns; `None` if they cannot be separated.
+    pub fn of(force: &[f64], columns: Vec<Vec<f64>>) -> Option<Self> {
+        let inverse = inverse(&products(&columns, &columns))?;
+        let values = &inverse * products_with(&columns, force);
+        let residual = less(force, &columns, values.as_slice());
+        Some(Self { columns, inverse, values, residual })
+    }
+
+    /// Mean square residual.
+    pub fn square(&self) -> f64 {
+        dot(&self.residual, &self.residual) / self.residual.len() as f64
+    }
+
+    /// Weight of each row in the coefficient at this index.
+    pub fn weights(&self, place: usize) -> Vec<f64> {
+        let mut weights = vec![0.0; self.residual.len()];
+        for (i, column) in self.columns.iter().enumerate() {
+            let part = self.inverse[(place, i)];
+            weights.iter_mut().zip(column).for_each(|(weight, value)| *weight += part * value);
+        }
+        weights
+    }
+
+    /// The effect of adding a column.
+    pub fn with(&self, column: &[f64]) -> More {
+        let along = &self.inverse * products_with(&self.columns, column);
+        let alone = less(column, &self.columns, along.as_slice());
+        let (square, all) = (dot(&alone, &alone), dot(column, column));
+        let said = dot(&alone, &self.residual);
+        More { size: said / square, left: square / all, explained: said * said / square, along, square }
+    }
+}
+
+impl More {
+    /// By how much it shifts the coefficient at this index, and the square of the shift by chance, per mean square
+    /// residual of an independent row.
+    pub fn moves(&self, place: usize) -> (f64, f64) {
+        (-self.along[place] * self.size, self.along[place] * self.along[place] / self.square)
+    }
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@
 pub mod calibrate;
 pub mod compare;
 pub mod contact;
+mod cores;
 pub mod diagnose;
 pub mod fit;
 pub mod identify;

@@ -366,48 +366,34 @@ fn crossings(velocities: &[f64]) -> Vec<(f64, f64)> {
     crossings
 }
 
-/// The estimator's short kernel, a triangle, applied to the steps from sample to sample.
-pub(crate) struct Short {
-    /// Half of its length \[samples\].
-    pub half: usize,
-    /// Sum of its taps.
-    pub sum: f64,
-    /// First absolute moment of its taps about the middle \[samples\].
-    pub moment: f64,
-    /// Velocities halfway between the samples \[m/s\]; NaN if there are too few samples around.
-    pub velocities: Vec<f64>,
-}
-
-impl Short {
-    /// For a stretch.
-    pub fn of(stretch: &Stretch, period_s: f64) -> Self {
-        let half = (SIGN_KERNEL_S / period_s).round().max(1.0) as usize;
-        let taps = convolved(&vec![1.0; half], &vec![1.0; half]);
-        let sum: f64 = taps.iter().sum();
-        let moment = taps.iter().enumerate().map(|(at, tap)| tap * (at as f64 - (half - 1) as f64).abs()).sum();
-        let steps: Vec<f64> = stretch.position_m.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        let is_known = |at: usize| at + 1 >= half && at + half <= steps.len();
-        let velocity = |at| if is_known(at) { around(&taps, &steps, at) / sum / period_s } else { f64::NAN };
-        Self { half, sum, moment, velocities: (0..steps.len()).map(velocity).collect() }
-    }
+/// Half of the length of the estimator's short kernel, a triangle \[samples\]; its square is the sum of the taps.
+pub(crate) fn short_half(period_s: f64) -> usize {
+    (SIGN_KERNEL_S / period_s).round().max(1.0) as usize
 }
 
 /// Velocities halfway between the samples \[m/s\] from the short kernel, corrected for the effect of Coulomb friction
-/// on it; NaN if there are too few samples around.
-fn velocities(stretch: &Stretch, period_s: f64, law: &Law) -> Vec<f64> {
-    let Short { sum, moment, velocities, .. } = Short::of(stretch, period_s);
+/// on it; uncorrected without an inertance. NaN if there are too few samples around.
+pub(crate) fn velocities(stretch: &Stretch, period_s: f64, law: &Law) -> Vec<f64> {
+    let half = short_half(period_s);
+    let taps = convolved(&vec![1.0; half], &vec![1.0; half]);
+    let sum: f64 = taps.iter().sum();
+    // First absolute moment of the taps about the middle.
+    let moment: f64 = taps.iter().enumerate().map(|(at, tap)| tap * (at as f64 - (half - 1) as f64).abs()).sum();
     let kink = if law.inertance_kg > 0.0 { moment / sum * period_s * law.coulomb_n / law.inertance_kg } else { 0.0 };
-    let corrected = |(at, velocity): (usize, f64)| {
+    let steps: Vec<f64> = stretch.position_m.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let velocity = |at: usize| {
+        if at + 1 < half || at + half > steps.len() {
+            return f64::NAN;
+        }
         let force = stretch.force_n.iter().skip(at).take(2).sum::<f64>() - 2.0 * law.offset_n;
-        velocity + kink * force.signum()
+        around(&taps, &steps, at) / sum / period_s + kink * force.signum()
     };
-    velocities.into_iter().enumerate().map(corrected).collect()
+    (0..steps.len()).map(velocity).collect()
 }
 
 /// Noise that the encoder's steps leave in these velocities \[m/s\].
 pub(crate) fn velocity_noise(count_m: f64, period_s: f64) -> f64 {
-    let m = (SIGN_KERNEL_S / period_s).round().max(1.0);
-    count_m * (ROUNDING * 2.0 / m.powi(3)).sqrt() / period_s
+    count_m * (ROUNDING * 2.0 / (short_half(period_s) as f64).powi(3)).sqrt() / period_s
 }
 
 #[cfg(test)]

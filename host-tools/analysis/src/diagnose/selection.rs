@@ -7,7 +7,7 @@ use super::{
     candidate::{Found, Term},
     columns::Rows,
 };
-use crate::law::{dot, inverse, less, products, scaled, scales};
+use crate::law::{dot, inverse, less, products, products_with, scaled, scales};
 
 /// Index of the sign among the columns.
 pub(super) const SIGN: usize = 2;
@@ -222,11 +222,6 @@ impl<'a> Model<'a> {
         let by_scatter = solved(&scatter, &against).map_or(0.0, |part| part.dot(&against));
         lasting * strength.min(by_scatter)
     }
-}
-
-/// Products of all columns with one.
-pub(super) fn products_with(columns: &[Vec<f64>], one: &[f64]) -> DVector<f64> {
-    DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, one)))
 }
 
 /// Least squares through the normal equations.

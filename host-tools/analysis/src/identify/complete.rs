@@ -4,8 +4,6 @@
 //! differences of simulations, which are smooth in the parameters; offset, structure mass and zero of the encoder need
 //! none. Prior knowledge (structure mass, skew) enters as one more observation each.
 
-use std::thread;
-
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
@@ -16,6 +14,7 @@ use super::{
     result::Validation,
     spectrum::Whitening,
 };
+use crate::cores::on_cores;
 
 /// A stretch with its weights and its simulation input, for devices close to one.
 struct Weighed<'a> {
@@ -240,20 +239,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
             }
         }
         // Columns are independent: as many in parallel as the machine has cores, up to four.
-        let cores = thread::available_parallelism().map_or(1, usize::from).min(4);
-        let mut shares: Vec<Vec<_>> = (0..cores).map(|_| Vec::new()).collect();
-        for (number, piece) in work.into_iter().enumerate() {
-            shares[number % cores].push(piece);
-        }
-        thread::scope(|scope| {
-            for share in shares {
-                scope.spawn(move || {
-                    for (column, stretch, rows) in share {
-                        self.column(stretch, column, rows);
-                    }
-                });
-            }
-        });
+        on_cores(work, 4, |(column, stretch, rows)| self.column(stretch, column, rows));
         jacobian.iter().all(|value| value.is_finite()).then_some(jacobian)
     }
 }

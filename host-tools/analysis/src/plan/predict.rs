@@ -7,8 +7,6 @@
 //! explain, the addition for a law that may not hold, the scatter of values where steps repeat or reversals are
 //! misplaced, and whether there is a value at all.
 
-use std::thread;
-
 use inerter_core::{Backlash, Bank, Budget, Detail, LawStatus, NORMAL_COVERAGE, Source};
 use inerter_plant::Excitation;
 
@@ -18,7 +16,7 @@ use super::{
     information::{Together, Told},
     peaks::Peaks,
 };
-use crate::{fit::each, law::median};
+use crate::{cores::on_cores, fit::each, law::median};
 
 /// Rehearsals of a prediction: they give the scatter to a tenth.
 pub const REHEARSALS: u64 = 48;
@@ -141,18 +139,8 @@ pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Res
 
 /// All rehearsals, on all available cores.
 fn rehearsed(expected: &Expected, motion: &Excitation, duration_s: f64) -> Result<Vec<Seen>, PlanError> {
-    let cores = thread::available_parallelism().map_or(1, usize::from) as u64;
-    let share = REHEARSALS.div_ceil(cores);
     let run = |number: u64| expected.see(motion, duration_s, BEFORE_FIRST + number, None);
-    let part = |first: u64| (first..=REHEARSALS).take(share as usize).map(run).collect::<Result<Vec<_>, _>>();
-    thread::scope(|scope| {
-        let parts = (1..=REHEARSALS).step_by(share as usize).map(|first| scope.spawn(move || part(first)));
-        let mut seen = Vec::new();
-        for part in parts.collect::<Vec<_>>() {
-            seen.extend(part.join().map_err(|_| PlanError::Nothing { why: "a rehearsal failed".into() })??);
-        }
-        Ok(seen)
-    })
+    on_cores((1..=REHEARSALS).collect(), usize::MAX, run).into_iter().collect()
 }
 
 /// Mean square of the finite values; 0 if there are none.

@@ -7,11 +7,8 @@
 use inerter_core::{Bank, Settings};
 use inerter_data::series::Series;
 
-use super::{
-    rows::Rows,
-    squares::{dot, inverse, products},
-};
-use crate::law::Law;
+use super::rows::Rows;
+use crate::law::{Law, dot, inverse, products, products_with};
 
 /// Largest delay that is searched for \[s\]: the range of the setting `skew_s`.
 pub const MOST_S: f64 = 0.005;
@@ -23,10 +20,10 @@ pub(super) fn delay_s(series: &Series, settings: &Settings, bank: Bank) -> Optio
     let most = (MOST_S / series.period_s) as isize;
     let rows = Rows::of(series, &as_measured, bank, Law::default(), most.unsigned_abs());
     let columns: Vec<Vec<f64>> = rows.base.iter().cloned().chain(rows.turn()).collect();
-    let inverse = inverse(&columns)?;
+    let inverse = inverse(&products(&columns, &columns))?;
     let left = |late: isize| {
         let force = rows.force_late_by(late);
-        let right = products(&columns, &force);
+        let right = products_with(&columns, &force);
         let values = &inverse * &right;
         // Relative to the force, which differs with the samples that it is taken from.
         (values[0] > 0.0).then(|| (late, 1.0 - values.dot(&right) / dot(&force, &force)))

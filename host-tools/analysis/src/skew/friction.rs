@@ -2,11 +2,8 @@
 
 use std::mem::discriminant;
 
-use super::{
-    rows::{Friction, Rows},
-    squares::Squares,
-};
-use crate::law::{FALLS, MOST_LOAD, TURNS};
+use super::rows::{Friction, Rows};
+use crate::law::{FALLS, MOST_LOAD, Squares, TURNS};
 
 /// F statistic from which friction is included. None of about twenty candidates reaches the first value by chance.
 /// Friction of another shape may reach it; the interval of friction at the reversals covers that, but the interval of

@@ -9,7 +9,6 @@ mod friction;
 mod round;
 mod rows;
 mod signs;
-mod squares;
 
 use inerter_core::{Machine, Parameter, Settings};
 use inerter_data::{

@@ -14,12 +14,11 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use super::{
     friction::{reach, taken},
     rows::{Friction, Rows},
-    squares::{Squares, dot},
 };
 use crate::{
     calibrate::together,
     fit::FitError,
-    law::{LEAST_OBSERVATIONS, Law, mean},
+    law::{LEAST_OBSERVATIONS, Law, Squares, dot, mean},
 };
 
 /// Fraction of the residual that neither noise and steps nor friction explain that may correlate with the force's rate:

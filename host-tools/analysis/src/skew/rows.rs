@@ -6,11 +6,8 @@ use inerter_core::{
 };
 use inerter_data::series::{Series, Stretch};
 
-use super::{
-    signs::{sign, velocities},
-    squares::dot,
-};
-use crate::law::{Kernels, Law, around, mark, stands};
+use super::signs::{sign, velocities};
+use crate::law::{Kernels, Law, around, dot, mark, stands};
 
 /// Travel across a window of rest \[counts\], and force relative to the Coulomb friction, below which a reversal is
 /// grazing.

@@ -3,7 +3,7 @@
 use inerter_core::Settings;
 use inerter_data::series::Stretch;
 
-use crate::{law::Law, reversals::Short};
+use crate::{law::Law, reversals};
 
 /// Mean sign of the velocity over a sample's own period, from a straight line through the velocities half a sample
 /// before and after.
@@ -21,11 +21,9 @@ pub(super) fn sign((before, after): (f64, f64)) -> f64 {
 /// the effects of Coulomb friction at a reversal and of a changing force (docs/THEORY.md, 2); uncorrected without an
 /// inertance. The force is that of an aligned series. NaN if there are too few samples around.
 pub(super) fn velocities(piece: &Stretch, period_s: f64, law: &Law, settings: &Settings) -> Vec<(f64, f64)> {
-    let Short { half: m, sum, moment, velocities } = Short::of(piece, period_s);
-    let per_force = if law.inertance_kg > 0.0 { period_s / law.inertance_kg } else { 0.0 };
-    let kink = per_force * moment / sum * law.coulomb_n;
+    let m = reversals::short_half(period_s);
     // Weights of the force's integral: all samples beyond `i` from the middle contain its difference.
-    let weights: Vec<f64> = (1..m).map(|i| ((m - i) * (m - i + 1)) as f64 / 2.0 / sum).collect();
+    let weights: Vec<f64> = (1..m).map(|i| ((m - i) * (m - i + 1)) as f64 / 2.0 / (m * m) as f64).collect();
     let lost = |at: usize| -> f64 {
         let (later, earlier) = (piece.force_n.iter().skip(at + 1), piece.force_n.iter().take(at + 1).rev());
         weights.iter().zip(later.zip(earlier)).map(|(weight, (later, earlier))| weight * (earlier - later)).sum()
@@ -33,14 +31,10 @@ pub(super) fn velocities(piece: &Stretch, period_s: f64, law: &Law, settings: &S
     // Shifted by the fractional part of the skew.
     let late = settings.skew_parts().1 / period_s;
     let bend = |at: usize| lost(at) + late * 0.5 * (lost(at + 1) - lost(at.saturating_sub(1)));
-    let corrected = |(at, plain): (usize, f64)| {
-        if per_force == 0.0 || plain.is_nan() {
-            return plain;
-        }
-        let force = piece.force_n.iter().skip(at).take(2).sum::<f64>() - 2.0 * law.offset_n;
-        plain + kink * force.signum() + per_force * bend(at)
+    let corrected = |(at, velocity): (usize, f64)| {
+        if law.inertance_kg > 0.0 { velocity + period_s / law.inertance_kg * bend(at) } else { velocity }
     };
-    let known = velocities.into_iter().enumerate().map(corrected);
+    let known = reversals::velocities(piece, period_s, law).into_iter().enumerate().map(corrected);
     let between: Vec<f64> = std::iter::once(f64::NAN).chain(known).chain(std::iter::once(f64::NAN)).collect();
     between.iter().copied().zip(between.iter().copied().skip(1)).collect()
 }
