@@ -39,6 +39,9 @@ use std::{
 const QEMU_RATE_HZ: f64 = 1000.0;
 /// Allowed growth of a process after the first minute \[%\].
 const GROWTH: f64 = 5.0;
+/// What the index with which a recording ends may take beside that: a quarter of a kilobyte for each chunk of half a
+/// second \[MB/s\].
+const INDEX_MB_PER_S: f64 = 5e-4;
 /// Allowed difference between the samples and the host's time from the first frame to the last \[s\]. Either of the two
 /// may have arrived late: a virtual device that is less than a second late catches up. In between nothing may add up,
 /// because the device samples by the same clock.
@@ -352,7 +355,8 @@ fn has_ended(name: &str, child: &mut Child) -> Result<bool> {
 }
 
 /// Memory of a process, and its growth since the first minute: the peak in the second half of that time compared with
-/// the peak in the first half, because a search for causes briefly allocates much memory every few seconds.
+/// the peak in the first half, because a search for causes briefly allocates much memory every few seconds. What the
+/// index of its recording may take is no growth.
 fn memory(watched: &Watched) -> Vec<Row> {
     let looks = &watched.looks;
     let last_s = looks.last().map_or(0.0, |look| look.at_s);
@@ -362,7 +366,8 @@ fn memory(watched: &Watched) -> Vec<Row> {
         let there = looks.iter().filter(|look| (from_s..=to_s).contains(&look.at_s));
         there.map(|look| look.memory_mb).reduce(f64::max).unwrap_or(f64::NAN)
     };
-    let grown = (most(middle_s, last_s) / most(settled_s, middle_s) - 1.0) * 100.0;
+    let index_mb = watched.recorder.as_ref().map_or(0.0, |_| INDEX_MB_PER_S * (last_s - middle_s));
+    let grown = (most(middle_s, last_s) / (most(settled_s, middle_s) + index_mb) - 1.0) * 100.0;
     vec![
         Row::new(format!("{}: memory, most", watched.name), most(0.0, last_s), "MB"),
         Row::new(format!("{}: grown after the first minute", watched.name), grown, "%").at_most(GROWTH),
@@ -425,6 +430,14 @@ mod tests {
         watched.looks = (0..40).map(|place| look(f64::from(place) * 5.0)).collect();
         let rows = memory(&watched);
         assert!((rows[0].value - 11.95).abs() < 1e-9 && (rows[1].value - 6.222).abs() < 0.01, "{rows:?}");
+        // An hour in which a recorder grows by its index, and one in which it grows by twice as much.
+        let child = process::spawn(&mut Command::new("true")).unwrap();
+        let mut recorder = Watched::recorder("recorder", Running(child));
+        for (per_s, is_growth) in [(INDEX_MB_PER_S, false), (2.0 * INDEX_MB_PER_S, true)] {
+            let look = |at_s: f64| Look { at_s, processor_s: 0.0, memory_mb: 10.0 + per_s * at_s };
+            recorder.looks = (0..720).map(|place| look(f64::from(place) * 5.0)).collect();
+            assert_eq!(memory(&recorder)[1].value > GROWTH, is_growth, "{per_s}");
+        }
         // Without a measurement nothing is verified.
         watched.looks.clear();
         assert!(memory(&watched)[1].value.is_nan());
