@@ -194,17 +194,17 @@ fn missing_faults(workspace: &Workspace) -> Vec<String> {
 /// Packages that a member must not pull in, on any system.
 fn never_faults(member: &Member) -> Result<Vec<String>> {
     let Some(law) = law_of(member).filter(|law| !law.never.is_empty()) else { return Ok(Vec::new()) };
-    let printed = workspace::packages(&member.folder, "normal", &["--package", law.member, "--target", "all"])?;
-    let found = forbidden(&law.never.concat(), &printed);
+    let packages = workspace::packages(&member.folder, "normal", &["--package", law.member, "--target", "all"])?;
+    let found = forbidden(&law.never.concat(), &packages);
     Ok(found
         .into_iter()
         .map(|name| format!("{0} pulls in {name}; `cargo tree -p {0} -e normal -i {name}` shows how", law.member))
         .collect())
 }
 
-/// The packages of a list, one per line, name first, that the law forbids.
-fn forbidden<'a>(never: &[&str], printed: &'a str) -> BTreeSet<&'a str> {
-    let names = printed.lines().filter_map(|line| line.split_whitespace().next());
+/// The names of those packages that the law forbids.
+fn forbidden<'a>(never: &[&str], packages: &'a BTreeSet<String>) -> BTreeSet<&'a str> {
+    let names = packages.iter().filter_map(|package| package.split(' ').next());
     names
         .filter(|name| {
             never.iter().any(|one| match one.strip_suffix('*') {
@@ -273,7 +273,7 @@ mod tests {
 
         let faults = memory_faults(&fixture.0, &fixture.0.join("target")).unwrap();
         assert_eq!(faults.len(), 1);
-        assert!(faults[0].contains("core/memory.x") || faults[0].contains("core\\memory.x"));
+        assert!(faults[0].contains("core/memory.x"));
     }
 
     #[test]
@@ -295,9 +295,9 @@ mod tests {
 
     #[test]
     fn what_a_member_must_never_bring_along_is_found_by_name_and_by_beginning() {
-        let printed =
-            "inerter-data v0.1.0 (/w/data)\nclap_lex v1.0.0\nclap v4.5.0\ndfu-core v0.11.0 (*)\n\nclap v4.5.0\n";
-        assert_eq!(forbidden(&["clap", "dfu-*", "nusb"], printed), BTreeSet::from(["clap", "dfu-core"]));
+        let packages = ["inerter-data 0.1.0", "clap_lex 1.0.0", "clap 4.5.0", "dfu-core 0.11.0", "clap 3.2.0"];
+        let packages = BTreeSet::from(packages.map(String::from));
+        assert_eq!(forbidden(&["clap", "dfu-*", "nusb"], &packages), BTreeSet::from(["clap", "dfu-core"]));
     }
 
     #[test]

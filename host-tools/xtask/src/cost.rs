@@ -7,7 +7,7 @@ use crate::{
     workspace::{self, Part},
 };
 use anyhow::{Context, Result, ensure};
-use std::{collections::BTreeSet, fs, path::Path, process::Command};
+use std::{fs, path::Path, process::Command};
 
 /// Allowed deviation of processor time: compilers differ, and the machine may have other work.
 const TIME_TOLERANCE: f64 = 0.3;
@@ -95,24 +95,5 @@ const LINKED: &str = "normal,build";
 
 /// How many packages are compiled, by name and version.
 fn crates(name: &str, edges: &str, arguments: &[&str]) -> Result<Row> {
-    Ok(Row::new(name, distinct(&workspace::packages(&tree::root(), edges, arguments)?) as f64, ""))
-}
-
-/// Lines of `cargo tree`, each package once.
-fn distinct(tree: &str) -> usize {
-    let names = tree.lines().map(|line| line.trim_end_matches(" (*)")).filter(|line| !line.is_empty());
-    names.collect::<BTreeSet<_>>().len()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_package_counts_once() {
-        assert_eq!(
-            distinct("a v1.0.0\nb v1.0.0 (proc-macro)\na v1.0.0 (*)\na v2.0.0\n\nb v1.0.0 (proc-macro) (*)\n"),
-            3
-        );
-    }
+    Ok(Row::new(name, workspace::packages(&tree::root(), edges, arguments)?.len() as f64, ""))
 }

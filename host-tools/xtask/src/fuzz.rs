@@ -137,7 +137,7 @@ fn folder_of_targets() -> PathBuf {
 /// Compiles the targets with counters and returns their folder. Build scripts get no counters because a target triple
 /// is given.
 fn build(targets: &[Target], options: &Options) -> Result<PathBuf> {
-    let host = process::output(process::rustc().args(["--print", "host-tuple"]))?.trim().to_owned();
+    let host = process::host_tuple()?;
     let mut command = Part::Main.cargo();
     command.args(["build", "--profile", "fuzz", "--locked", "--target", &host]);
     command.args(["--package", "inerter-fuzz", "--features", "libfuzzer"]);

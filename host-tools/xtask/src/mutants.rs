@@ -197,7 +197,7 @@ impl Package {
     fn files(&self) -> Result<BTreeMap<String, String>> {
         let mut files = BTreeMap::new();
         for path in tree::files(self.sources())? {
-            let name = from_root(&path);
+            let name = tree::below(&path, &tree::root());
             if name.ends_with(".rs") && !name.ends_with("tests.rs") {
                 let sum = code_sum(&tree::text(&name)?).with_context(|| name.clone())?;
                 files.insert(name, sum);
@@ -353,11 +353,6 @@ fn sum(bytes: &[u8]) -> String {
     let mut digits = format!("{:x}", Sha256::digest(bytes));
     digits.truncate(12);
     digits
-}
-
-fn from_root(path: &Path) -> String {
-    let path = path.strip_prefix(tree::root()).unwrap_or(path);
-    path.components().map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/")
 }
 
 impl Record {

@@ -62,6 +62,11 @@ pub fn rustc() -> Command {
     Command::new(std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()))
 }
 
+/// The system for which [`rustc`] compiles.
+pub fn host_tuple() -> Result<String> {
+    Ok(output(rustc().args(["--print", "host-tuple"]))?.trim().to_owned())
+}
+
 /// The command as typed in a shell.
 pub fn shown(command: &Command) -> String {
     let quote = |text: &OsStr| {

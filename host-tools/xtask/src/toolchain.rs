@@ -103,11 +103,12 @@ fn foreign_linker(sysroot: &Path) -> Option<bool> {
     if own { Some(false) } else { Path::new(DISTRIBUTION_LINKER).is_file().then_some(true) }
 }
 
-/// Whether the version in `rustc 1.95.0 (...)` is at least `least`.
+/// Whether the version in a line such as `rustc 1.95.0 (...)`, its first word that begins with a number, is at least
+/// `least`.
 pub fn at_least(line: &str, least: &str) -> bool {
     let numbers = |text: &str| -> Vec<u32> { text.split(['.', '-']).map_while(|part| part.parse().ok()).collect() };
-    let version = line.split_whitespace().nth(1).map(numbers).unwrap_or_default();
-    !version.is_empty() && version >= numbers(least)
+    let version = line.split_whitespace().map(numbers).find(|version| !version.is_empty());
+    version.is_some_and(|version| version >= numbers(least))
 }
 
 #[cfg(test)]
@@ -121,5 +122,11 @@ mod tests {
         assert!(!at_least("rustc 1.63.0 (Debian)", "1.90"));
         assert!(!at_least("rustc 1.9.0", "1.90"));
         assert!(!at_least("", "1.90"));
+        let qemu = "QEMU emulator version 7.2.22 (Debian 1:7.2+dfsg-7)";
+        assert!(at_least(qemu, "7") && !at_least(qemu, "8"));
+        let qemu = "QEMU emulator version 10.0.2";
+        assert!(at_least(qemu, "10") && !at_least(qemu, "11"));
+        assert!(!at_least("QEMU emulator version ", "6"));
+        assert!(!at_least("something else", "6"));
     }
 }

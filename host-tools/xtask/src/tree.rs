@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use std::{
     fs,
     io::{self, ErrorKind},
-    path::{Path, PathBuf},
+    path::{MAIN_SEPARATOR, Path, PathBuf},
 };
 
 /// The triple of every Cortex-M4F image.
@@ -26,9 +26,9 @@ pub fn root() -> PathBuf {
     here.ancestors().nth(2).map(Path::to_path_buf).unwrap_or(here)
 }
 
-/// A path below a folder, without that folder.
+/// A path below a folder, without that folder; `/` separates its parts on every system.
 pub fn below(path: &Path, folder: &Path) -> String {
-    path.strip_prefix(folder).unwrap_or(path).display().to_string()
+    path.strip_prefix(folder).unwrap_or(path).display().to_string().replace(MAIN_SEPARATOR, "/")
 }
 
 /// The bytes of a file.

@@ -4,6 +4,7 @@ use crate::{process, tree};
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 use std::{
+    collections::BTreeSet,
     path::{Component, Path, PathBuf},
     process::Command,
 };
@@ -107,11 +108,17 @@ fn parsed(json: &str) -> Result<Value> {
     serde_json::from_str(json).context("`cargo metadata` printed no JSON")
 }
 
-/// What `cargo tree` lists in a folder: a line for each package, name and version first; some come again.
-pub fn packages(folder: &Path, edges: &str, arguments: &[&str]) -> Result<String> {
+/// The packages that `cargo tree` lists in a folder, each as `NAME VERSION`.
+pub fn packages(folder: &Path, edges: &str, arguments: &[&str]) -> Result<BTreeSet<String>> {
     let mut cargo = process::cargo();
     cargo.current_dir(folder).args(["tree", "--locked", "--edges", edges, "--prefix", "none", "--format", "{p}"]);
-    process::output(cargo.args(arguments))
+    Ok(listed(&process::output(cargo.args(arguments))?))
+}
+
+/// Name and version from each line of `cargo tree`; some packages come again.
+fn listed(printed: &str) -> BTreeSet<String> {
+    let words = printed.lines().map(str::split_whitespace);
+    words.filter_map(|mut words| Some(format!("{} {}", words.next()?, words.next()?.strip_prefix('v')?))).collect()
 }
 
 /// One member of a workspace.
@@ -240,6 +247,14 @@ mod tests {
         let error = Workspace::parse(r#"{"packages": [{"name": "a"}]}"#).unwrap_err();
         assert!(error.to_string().contains("manifest_path"));
         assert!(Workspace::parse("not json").is_err());
+    }
+
+    #[test]
+    fn a_package_counts_once() {
+        let printed = "a v1.0.0\nb v1.0.0 (proc-macro)\na v1.0.0 (*)\na v2.0.0\n\nb v1.0.0 (proc-macro) (*)\n\
+                       p v0.1.0 (/w/p)\np v0.1.0 (/w/p) (*)\n";
+        let packages = ["a 1.0.0", "a 2.0.0", "b 1.0.0", "p 0.1.0"].map(String::from);
+        assert_eq!(listed(printed), BTreeSet::from(packages));
     }
 
     /// A published example is in another folder, and does not exist before it is fetched.
