@@ -14,7 +14,11 @@ const fn validation(table: &'static str, stands: &'static str, quoted: &'static 
     Quote { document: "VALIDATION", table, stands, quoted }
 }
 
-const QUOTES: [Quote; 22] = [
+const fn testing(table: &'static str, stands: &'static str, quoted: &'static str) -> Quote {
+    Quote { document: "TESTING", table, stands, quoted }
+}
+
+const QUOTES: [Quote; 39] = [
     validation(
         "coverage",
         "{right} of {all} cells are right. In {wide} more than 95 % are covered beyond chance.",
@@ -106,6 +110,71 @@ const QUOTES: [Quote; 22] = [
         "| any word | |---|--:|--:| | {runs} | {broken} | {word} |",
         "and are {broken} of {runs}, both of two tones",
     ),
+    testing(
+        "chaos",
+        "| {all} behaviours x {commands} commands, {ended} ended by themselves, 0 late",
+        "{all} behaviours of a device, {commands} commands",
+    ),
+    testing("chaos", ", ms after a signal {ms} (", "at most {ms} ms after a signal"),
+    testing("chaos", ", ms after its going {ms} (", "{ms} ms after the device disconnected (`monitor`)"),
+    testing("chaos", " ended by themselves, 0 late and visited again; most: kB {kb} (", "and {kb} kB of memory"),
+    testing(
+        "chaos",
+        "| {all} floods x {commands} commands for 8 s; most: kB {kb} (",
+        "({kb} kB in one of {all} floods)",
+    ),
+    testing(
+        "chaos",
+        "| {cuts} cuts, after {least} to {most} bytes",
+        "{cuts} connections cut off after {least} to {most} bytes",
+    ),
+    testing("chaos", "| {hosts} hosts came and went, ", "{hosts} hosts that came and went"),
+    testing(
+        "chaos",
+        "| {kills} kills of `record` and `monitor --record`; worst loss {s} s",
+        "{kills} kills: at most {s} s lost",
+    ),
+    testing(
+        "chaos",
+        "| {kills} kills of `store add`, {left} left unfinished files",
+        "{kills} kills, {left} of which left unfinished files",
+    ),
+    testing("chaos", "| {kills} kills of `settings set`", "{kills} kills of `settings set`"),
+    testing(
+        "chaos",
+        " runs of {commands} commands at {outlets} outlets",
+        "{commands} commands, each with {outlets} states",
+    ),
+    testing(
+        "chaos",
+        "| {closed} terminals gone, each program ended within {ms} ms",
+        "{closed} closed terminals: each program ended within {ms} ms",
+    ),
+    testing(
+        "chaos",
+        " bytes taken: {samples} samples recorded",
+        "{samples} samples at 4 kHz with readers that do not read",
+    ),
+    testing(
+        "soak",
+        " | 0.60 | {samples} | {lost} | {grown} | {apart} |",
+        "{samples} samples in three recordings, {lost} lost; no process grew by more than {grown} %, and samples and the host's clock were {apart} s apart",
+    ),
+    testing(
+        "../../tests/mutants/wire",
+        " files: {caught} of {all} mutants are caught ({percent} %",
+        "| {all} | {caught} ({percent} %) |",
+    ),
+    testing(
+        "../../tests/mutants/core",
+        " A sample: {caught} of {all} mutants are caught ({percent} %, goal 95 %); of all it is {least} to {most} % with",
+        "| {all} | {caught} ({percent} %; {least} to {most} % of all) |",
+    ),
+    testing(
+        "../../tests/mutants/app",
+        " A sample: {caught} of {all} mutants are caught ({percent} %, goal 95 %); of all it is {least} to {most} % with",
+        "| {all} | {caught} ({percent} %; {least} to {most} % of all) |",
+    ),
 ];
 
 /// A document below `docs`, with its white space normalised.
@@ -123,7 +192,7 @@ fn figures<'a>(text: &str, template: &'a str) -> Option<Vec<(&'a str, String)>> 
         let mut found = Vec::new();
         for part in names.split('{') {
             let (name, then) = part.split_once('}')?;
-            let end = rest.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(rest.len());
+            let end = rest.find(|c: char| !c.is_ascii_digit() && !".-".contains(c)).unwrap_or(rest.len());
             // A full stop at the end belongs to the sentence.
             let figure = rest.get(..end)?.trim_end_matches('.');
             rest = rest.get(figure.len()..)?.strip_prefix(then)?;

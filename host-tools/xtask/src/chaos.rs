@@ -48,7 +48,6 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!(!chosen.is_empty(), "no campaign of this name; there are: {}", names.join(", "));
     println!("each line also goes to {}", report.display());
     let mut kept = Kept::parse(&tree::text_if_there(TABLE)?);
-    // Taken before the table is written, which would count as a difference.
     let commit = commit();
     for seed in options.seed..options.seed.saturating_add(options.seeds) {
         for test in &chosen {

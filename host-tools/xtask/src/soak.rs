@@ -127,9 +127,7 @@ pub fn run(options: &Options) -> Result<()> {
     }
     let mut kept = Kept::read()?;
     while let Some(hours) = kept.next_h(options.hours) {
-        // Taken before the table is written, which would count as a difference.
-        let commit = commit();
-        kept.add(&commit, hours, &portion(&Options { hours, ..*options })?)?;
+        kept.add(&commit(), hours, &portion(&Options { hours, ..*options })?)?;
     }
     Ok(())
 }

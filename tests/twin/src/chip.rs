@@ -100,8 +100,8 @@ struct Block {
     model: fn(&mut Chip) -> &mut dyn Registers,
 }
 
-/// Makes the table of blocks from the address, length, name, clock gate and model of each. What is asked of all models
-/// at each access of the core is compiled for each of them, because most have nothing to answer.
+/// Makes the table of blocks from the address, length, name, clock gate and model of each. `next_event` and `advance`,
+/// which are asked at each access of the core, are called directly: most models have none.
 macro_rules! blocks {
     ($($start:literal $len:literal $name:literal ($gate:expr) $field:ident $([$index:literal])?;)+) => {
         const BLOCKS: &[Block] = &[$(Block {
@@ -297,7 +297,7 @@ pub struct Chip {
     path_fault: Option<BadAccess>,
     /// No event is due before this time.
     due: Cycles,
-    /// Something has happened besides accesses of the core since [`Self::next_event`] was last asked.
+    /// An event may have come forward since [`Self::next_event`] was last asked, other than by a write of the core.
     pub(crate) has_moved: bool,
 }
 
@@ -398,7 +398,11 @@ impl Chip {
             (Some(block), None) => self.read_register(block, offset, width, now),
             (Some(block), Some(value)) => self.write_register(block, offset, value, width, now).map(|()| 0),
             (None, _) if !in_flash(address) => Err(NOTHING),
-            (None, None) => self.flash.read_memory(address, width, now),
+            (None, None) => {
+                // Damage that is read raises the NMI later.
+                self.has_moved = true;
+                self.flash.read_memory(address, width, now)
+            }
             (None, Some(value)) => self.flash.write_memory(address, value, width, now).map(|()| 0),
         };
         outcome.map_err(|Unknown { what }| BadAccess { address, peripheral, offset, width, value, what })

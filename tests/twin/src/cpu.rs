@@ -236,7 +236,7 @@ impl Core {
             self.stop.get_or_insert(Stop::Bus(bad));
         }
         self.refresh_requests();
-        // A read alone brings no event forward, and programs poll.
+        // A read of a register alone brings no event forward, and programs poll.
         if is_write || self.chip.has_moved {
             self.refresh_deadline();
         }

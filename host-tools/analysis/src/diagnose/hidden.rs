@@ -22,7 +22,7 @@ use super::{
 };
 use crate::{
     fit::each,
-    law::{Squares, dot, less, products, products_with},
+    law::{dot, inverse, less, products, products_with},
 };
 
 /// Fraction of a column's square that the law must leave unexplained for the run to identify the cause; and for it to
@@ -169,7 +169,8 @@ fn is_regarded(kind: Kind) -> bool {
 
 /// The law fitted to the rows.
 struct Law {
-    squares: Squares,
+    inverse: DMatrix<f64>,
+    residual: Vec<f64>,
     /// Variance of a row's residual, multiplied by the rows per independent observation.
     error_square: f64,
 }
@@ -191,17 +192,19 @@ struct Moves {
 
 impl Law {
     fn of(rows: &Rows) -> Option<Self> {
-        let squares = Squares::of(&rows.force, rows.base.to_vec())?;
+        let inverse = inverse(&products(&rows.base, &rows.base))?;
+        let values = &inverse * products_with(&rows.base, &rows.force);
+        let residual = less(&rows.force, &rows.base, values.as_slice());
         let freedom = rows.force.len() as f64 / rows.per_observation - rows.base.len() as f64;
-        let error_square = dot(&squares.residual, &squares.residual) / freedom.max(1.0);
-        Some(Self { squares, error_square })
+        let error_square = dot(&residual, &residual) / freedom.max(1.0);
+        Some(Self { inverse, residual, error_square })
     }
 
     /// The effect of adding a term.
     fn with(&self, rows: &Rows, term: Term) -> Moves {
         let columns = rows.columns(term);
         let width = columns.len();
-        let along = &self.squares.inverse * products(&rows.base, &columns);
+        let along = &self.inverse * products(&rows.base, &columns);
         let left: Vec<Vec<f64>> =
             columns.iter().enumerate().map(|(k, all)| less(all, &rows.base, along.column(k).as_slice())).collect();
         let [of_noise, with_force] = rows.noise(term).map(|mean| mean * rows.force.len() as f64);
@@ -218,9 +221,9 @@ impl Law {
             DMatrix::from_diagonal(&DVector::from_iterator(width, least))
         };
         let inverse = gram.cholesky().map_or_else(unknown, |gram| gram.inverse());
-        let sizes = &inverse * products_with(&left, &self.squares.residual).map(|said| said - with_force);
+        let sizes = &inverse * products_with(&left, &self.residual).map(|said| said - with_force);
         let squares = (&along * inverse * along.transpose()).diagonal() * self.error_square;
-        let before = self.squares.inverse.diagonal().iter().map(|part| part * self.error_square).collect();
+        let before = self.inverse.diagonal().iter().map(|part| part * self.error_square).collect();
         let can_be = width > 1 || term.can_be(sizes[0], rows.law.coulomb_n);
         let [are_told, are_hardly_told] = [LEAST_LEFT, LITTLE_LEFT].map(leaves);
         Moves { moved: &along * sizes, squares, before, are_told, are_hardly_told, can_be }

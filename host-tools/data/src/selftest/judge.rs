@@ -122,20 +122,20 @@ pub fn chip(measured: &Measured, hello: &Hello) -> Vec<Check> {
         free.filter(|_| stack.is_some()),
         |_| "the stack has been nearly full: please report it",
     );
-    // If the power was gone, the other flags are of the time before.
-    let flags = get(ResetFlags);
-    let doubtful =
-        flags.map(|flags| if flags & POWER_RESET != 0 { 0 } else { flags & (WATCHDOG_RESET | FOREIGN_RESET) });
+    // Power clears the other flags. What is set beside it came before the firmware ran.
+    let doubtful = get(ResetFlags)
+        .map(|flags| if flags & POWER_RESET != 0 { 0 } else { flags & (WATCHDOG_RESET | FOREIGN_RESET) });
     let (name, label) = ("start", "Last start before the test");
     let start = if doubtful == Some(WATCHDOG_RESET) {
-        Check::skipped(
-            name,
-            label,
-            "not judged: by the watchdog, as after some self-tests; otherwise the firmware hung",
-        )
+        let why = "not judged: the watchdog reset the board, as some self-tests do; otherwise the firmware hung";
+        Check::skipped(name, label, why)
     } else {
-        let cause = (doubtful != Some(0)).then_some("the firmware causes no such reset: please report it");
-        Check::words(name, label, "by power, pin, command or option bytes", reported(flags, hex), cause)
+        let cause = match doubtful {
+            None => Some("the board did not report it"),
+            Some(0) => None,
+            Some(_) => Some("the firmware causes no such reset: please report it"),
+        };
+        Check::words(name, label, "by power, pin, command or option bytes", reported(get(ResetFlags), hex), cause)
     };
     vec![device, flash, agree, options, stack, start]
 }
