@@ -9,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
     process::Command,
     thread,
-    time::Duration,
+    time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
 use crate::common::{device, done, inerter, last, text, until};
@@ -154,6 +154,27 @@ fn a_disk_that_takes_its_time_does_not_hold_up_the_device() {
     // Everything is on the disk when the program ends.
     let states = desk.states("run.mcap");
     assert_eq!(fs::read(states.last().unwrap()).unwrap(), fs::read(desk.here().join("run.mcap")).unwrap());
+}
+
+/// What is written survives the program, synchronised or not.
+#[test]
+fn a_kill_costs_a_second_at_most_while_the_disk_takes_its_time() {
+    let Some(desk) = Desk::new() else { return };
+    let device = device(1.0);
+    fs::write(desk.kept().join("stuck"), "").unwrap();
+    let file = desk.here().join("run.mcap");
+    let mut child = desk.inerter(&["record", "-o", "run.mcap", "--connect", device.name()]).spawn().unwrap();
+    until("nothing is recorded", || file.exists());
+    thread::sleep(Duration::from_secs(3));
+    let killed = SystemTime::now();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let last = UNIX_EPOCH + Duration::from_nanos(times(&file).pop().unwrap());
+    assert!(
+        killed.duration_since(last).unwrap() < Duration::from_secs(1),
+        "recorded until {last:?}, killed at {killed:?}"
+    );
+    assert!(desk.states("run.mcap").is_empty(), "the disk took its time");
 }
 
 #[test]

@@ -4,7 +4,7 @@
 //! Nothing may be lost, no process may grow, the samples must agree with the time that was asked for and with the host's
 //! clock, and each recording must give identical output in a replay and on a device. `target/soak/progress.tsv` has a
 //! line for each measurement of the processes, so a run that was stopped early shows how far it got. The twin is left
-//! out: it runs many times slower than real time.
+//! out: it needs a core to itself to run about as fast as a board.
 
 mod kept;
 
@@ -147,7 +147,7 @@ fn portion(options: &Options) -> Result<Vec<Row>> {
     if options.no_qemu {
         println!("  left out by --no-qemu: the image in QEMU");
     }
-    println!("  left out: the twin, which does not run in real time");
+    println!("  left out: the twin, which would fall behind");
     let missed = table::missed(&rows);
     ensure!(missed.is_empty(), "goals missed: {missed}; the measurements are in {}", folder.join(PROGRESS).display());
     Ok(rows)

@@ -1,4 +1,5 @@
-//! The file of a recording, written by a separate thread, so that a slow disk does not delay reading the device.
+//! The file of a recording. A separate thread writes it, so that a slow disk does not delay reading the device, and
+//! another one synchronises it, so that a program that is killed loses no more on a slow disk than on a fast one.
 
 use std::{
     fs::File,
@@ -6,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
     sync::{
         Arc,
-        atomic::{AtomicU64, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
         mpsc::{Receiver, SyncSender, sync_channel},
     },
     thread::{self, JoinHandle},
@@ -19,11 +20,14 @@ const BATCH: usize = 1 << 18;
 /// Batches that may wait for the disk: half a minute of a live device. After that the producer waits too.
 const WAITING: usize = 64;
 
-/// How much of the recording is written \[ns\], shared by both threads.
+/// How much of the recording was handed over, is written, and is synchronised \[ns\], shared by all threads.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Safe {
     handed_over_ns: Arc<AtomicU64>,
     written_ns: Arc<AtomicU64>,
+    synced_ns: Arc<AtomicU64>,
+    /// The synchronising thread has ended with an error.
+    has_failed: Arc<AtomicBool>,
 }
 
 impl Safe {
@@ -33,8 +37,8 @@ impl Safe {
     }
 
     /// The duration that has reached the disk; 0 for a file that is not watched.
-    pub(super) fn written_ns(&self) -> u64 {
-        self.written_ns.load(Ordering::Relaxed)
+    pub(super) fn synced_ns(&self) -> u64 {
+        self.synced_ns.load(Ordering::Relaxed)
     }
 }
 
@@ -56,13 +60,13 @@ pub(super) struct Sink {
 impl Sink {
     /// Only writes, without syncing.
     pub(super) fn new(file: File, safe: Safe) -> io::Result<Self> {
-        Self::start(Output { file, written: 0, watched: None }, safe)
+        Self::start(Output { file, watched: None }, safe)
     }
 
     /// Syncs each flush to disk, and checks that the file at `path` is still the one being written.
     pub(super) fn watching(path: &Path, file: File, safe: Safe) -> io::Result<Self> {
         let watched = file.metadata()?.is_file().then(|| path.into());
-        Self::start(Output { file, written: 0, watched }, safe)
+        Self::start(Output { file, watched }, safe)
     }
 
     fn start(output: Output, safe: Safe) -> io::Result<Self> {
@@ -74,9 +78,10 @@ impl Sink {
 
     fn hand_over(&mut self, until_ns: Option<u64>) -> io::Result<()> {
         let bytes = std::mem::take(&mut self.waiting);
+        let has_failed = self.safe.has_failed.load(Ordering::Relaxed);
         match &self.batches {
-            Some(batches) if batches.send(Batch { bytes, until_ns }).is_ok() => Ok(()),
-            // The thread ends early only when it fails.
+            Some(batches) if !has_failed && batches.send(Batch { bytes, until_ns }).is_ok() => Ok(()),
+            // The writing thread ends early only when it fails.
             _ => self.end().and(Err(io::ErrorKind::BrokenPipe.into())),
         }
     }
@@ -89,10 +94,12 @@ impl Sink {
 
     fn end(&mut self) -> io::Result<()> {
         self.batches = None;
-        self.thread
-            .take()
-            .map_or(Ok(()), |thread| thread.join().unwrap_or_else(|_| Err(io::Error::other("a fault of this program"))))
+        self.thread.take().map_or(Ok(()), |thread| joined(thread.join()))
     }
+}
+
+fn joined(ended: thread::Result<io::Result<()>>) -> io::Result<()> {
+    ended.unwrap_or_else(|_| Err(io::Error::other("a fault of this program")))
 }
 
 impl Write for Sink {
@@ -127,29 +134,54 @@ impl Drop for Sink {
     }
 }
 
-/// State of the thread.
+/// What the threads share.
 struct Output {
     file: File,
-    written: u64,
     /// The path at which the file must stay, if it is a regular file that is synchronised.
     watched: Option<PathBuf>,
 }
 
 impl Output {
-    fn fill(mut self, batches: &Receiver<Batch>, safe: &Safe) -> io::Result<()> {
-        if let Some(path) = &self.watched {
-            sync_folder(path)?;
-        }
-        for Batch { bytes, until_ns } in batches {
-            self.check_length()?;
-            self.file.write_all(&bytes)?;
-            self.written += bytes.len() as u64;
-            if let (Some(until_ns), Some(path)) = (until_ns, &self.watched) {
-                self.settle(path)?;
+    fn fill(&self, batches: &Receiver<Batch>, safe: &Safe) -> io::Result<()> {
+        let Some(path) = &self.watched else { return self.write(batches, |_| ()) };
+        thread::scope(|scope| {
+            let (wake, woken) = sync_channel(1);
+            let thread = thread::Builder::new().name("sync".into());
+            let syncing = thread.spawn_scoped(scope, move || self.sync(path, &woken, safe))?;
+            let written = self.write(batches, |until_ns| {
                 safe.written_ns.store(until_ns, Ordering::Relaxed);
-            }
+                // If it is already woken, it has yet to begin, and will include this.
+                wake.try_send(()).ok();
+            });
+            drop(wake);
+            written.and(joined(syncing.join()))
+        })
+    }
+
+    /// Writes all batches, and calls `flushed` after each that ends with a whole frame.
+    fn write(&self, batches: &Receiver<Batch>, mut flushed: impl FnMut(u64)) -> io::Result<()> {
+        let mut written = 0;
+        for Batch { bytes, until_ns } in batches {
+            self.check_length(written)?;
+            (&self.file).write_all(&bytes)?;
+            written += bytes.len() as u64;
+            until_ns.into_iter().for_each(&mut flushed);
         }
-        self.check_length()
+        self.check_length(written)
+    }
+
+    /// Synchronises what is written whenever it is woken.
+    fn sync(&self, path: &Path, woken: &Receiver<()>, safe: &Safe) -> io::Result<()> {
+        let result = sync_folder(path).and_then(|()| {
+            woken.iter().try_for_each(|()| {
+                let until_ns = safe.written_ns.load(Ordering::Relaxed);
+                self.settle(path)?;
+                safe.synced_ns.store(until_ns, Ordering::Relaxed);
+                Ok(())
+            })
+        });
+        safe.has_failed.store(result.is_err(), Ordering::Relaxed);
+        result
     }
 
     fn settle(&self, path: &Path) -> io::Result<()> {
@@ -162,8 +194,8 @@ impl Output {
         }
     }
 
-    fn check_length(&self) -> io::Result<()> {
-        if self.watched.is_some() && self.file.metadata()?.len() != self.written {
+    fn check_length(&self, written: u64) -> io::Result<()> {
+        if self.watched.is_some() && self.file.metadata()?.len() != written {
             return Err(Disturbance::Changed.into());
         }
         Ok(())

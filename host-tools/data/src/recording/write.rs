@@ -251,9 +251,9 @@ impl Recorder {
 }
 
 fn write_error(name: String, safe: &Safe, source: io::Error) -> OutputError {
-    let written = match safe.written_ns() {
+    let written = match safe.synced_ns() {
         0 => String::new(),
-        written_ns => format!("{} of recording", duration_text(written_ns as f64 * 1e-9)),
+        synced_ns => format!("{} of recording", duration_text(synced_ns as f64 * 1e-9)),
     };
     OutputError::Write { name, written, source }
 }
