@@ -676,8 +676,8 @@ fn a_really_different_build_goes_there_and_back(linux: &mut Linux, twin: &Twin, 
         give(linux, build.to_vec(), "/tmp/new.elf");
         stay_plugged_in(linux);
         linux.until(PORT);
-        // The watchdog restarts the other build every ten seconds: an attempt fails at once where the port is going or
-        // gone, several in one restart.
+        // The watchdog restarts the other build every ten seconds. Attempts during a restart fail at once, so one
+        // restart may use up several.
         let ended = linux.run_within(
             "for n in $(seq 20); do inerter update /tmp/new.elf && exit 0; sleep 1; done; exit 1",
             4 * MINUTE,
