@@ -42,6 +42,7 @@ pub mod nvic;
 pub mod registers;
 pub mod serial_link;
 pub mod talk;
+pub mod tcp;
 pub mod usb_host;
 pub mod usb_link;
 pub mod usbip;

@@ -1,10 +1,7 @@
 //! The program `inerter selftest` on a board of the twin: it passes on a sound board and names the cause on others.
 //!
-//! The board is connected by USB, and its serial port is forwarded to the program over TCP. While the program is
-//! connected, the board's time runs at wall-clock speed, or slower on a slow computer, but never faster: the program
-//! would have less time than with a real board. A restart closes the connection, as it would remove a port. The program
-//! has a terminal with a simulated person. Whatever the outcome, the board's own report must show the settings from
-//! before the test.
+//! The program reaches the board's serial port over TCP, and has a terminal with a simulated person. Whatever the
+//! outcome, the board's own report must show the settings from before the test.
 //!
 //! Slow: a quarter of a minute each, or more with jumpers. Skipped if the image or the program is missing.
 
@@ -15,6 +12,7 @@ use inerter_twin::chip::dmamux::Request as DmaRequest;
 use inerter_twin::chip::errata::Errata;
 use inerter_twin::chip::jumpers::{Jumpers, Planted};
 use inerter_twin::machine::{Machine, Options, shipping_image};
+use inerter_twin::tcp;
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
 use inerter_twin::{Board, Registers, Width};
@@ -23,8 +21,8 @@ use rustix::process::{Pid, Signal, kill_process};
 use rustix::{fs, pty};
 use serde_json::Value;
 use std::fs::File;
-use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::io::{Read, Write};
+use std::net::SocketAddr;
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -33,8 +31,6 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Step of the device's time \[s\].
-const STEP_S: f64 = 1e-3;
 /// From power-on until the firmware runs \[s\].
 const START_S: f64 = 0.5;
 /// Time limit for a reply; a save may have to erase a page \[s\].
@@ -108,8 +104,7 @@ struct Served {
 
 impl Served {
     fn new(machine: impl FnOnce() -> Machine + Send + 'static, is_new: bool) -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-        listener.set_nonblocking(true).expect("can be");
+        let listener = tcp::listener().expect("a free port");
         let address = listener.local_addr().expect("bound");
         let over = Arc::new(AtomicBool::new(false));
         let ends = over.clone();
@@ -121,7 +116,7 @@ impl Served {
                 use_it(&mut link);
             }
             let before = Kept::of(&mut link);
-            serve(&mut link, &listener, &ends);
+            tcp::serve(&mut link, &listener, || ends.load(Ordering::Relaxed)).unwrap_or_else(|error| panic!("{error}"));
             [before, Kept::of(&mut link)]
         });
         Self { address, over, thread: Some(thread) }
@@ -138,56 +133,6 @@ impl Drop for Served {
     fn drop(&mut self) {
         self.over.store(true, Ordering::Relaxed);
     }
-}
-
-fn serve(link: &mut UsbLink<Machine>, listener: &TcpListener, over: &AtomicBool) {
-    let mut client: Option<TcpStream> = None;
-    while !over.load(Ordering::Relaxed) {
-        let (begun, begun_s) = (Instant::now(), link.socket.time_s());
-        client = match client.take() {
-            Some(stream) => turn(link, stream),
-            None => accept(link, listener),
-        };
-        if client.is_none() {
-            link.unplug();
-            link.socket.run_for(STEP_S).unwrap_or_else(|ended| panic!("{ended}"));
-            continue;
-        }
-        let lived = Duration::from_secs_f64(link.socket.time_s() - begun_s);
-        std::thread::sleep(lived.saturating_sub(begun.elapsed()));
-    }
-    link.unplug();
-}
-
-/// Connects the board's port for a new client.
-fn accept(link: &mut UsbLink<Machine>, listener: &TcpListener) -> Option<TcpStream> {
-    let (stream, _) = listener.accept().ok()?;
-    stream.set_nonblocking(true).expect("can be");
-    link.plug_in().ok()?;
-    Some(stream)
-}
-
-/// Forwards both directions for a moment. `None` if either end has gone.
-fn turn(link: &mut UsbLink<Machine>, mut stream: TcpStream) -> Option<TcpStream> {
-    let mut portion = [0; 4096];
-    match stream.read(&mut portion) {
-        Ok(0) => return None,
-        Ok(count) => {
-            link.send(&portion[..count], 0.1).ok()?;
-        }
-        Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-        Err(_) => return None,
-    }
-    let bytes = link.receive(STEP_S).ok()?;
-    let mut rest = &bytes[..];
-    while !rest.is_empty() {
-        match stream.write(rest) {
-            Ok(count) => rest = &rest[count..],
-            Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::sleep(Duration::from_millis(1)),
-            Err(_) => return None,
-        }
-    }
-    Some(stream)
 }
 
 /// A terminal with a person who acts once on reading `prompt`. The thread returns everything shown.
@@ -309,14 +254,19 @@ fn board(image: &[u8]) -> Machine {
     Machine::new(image, Still).expect("the image")
 }
 
-const WITHOUT: (&[&str], &str) = (&["--without-jumpers"], "no");
 const UNPLUGGED: (&[&str], &str) = (&["--rig-unplugged", "--write"], "no");
 
+/// The person says no when asked whether the outputs may be driven: a rig may be connected.
 #[test]
-fn a_sound_board_passes() {
-    let Some(outcome) = selftest("sound", WITHOUT, board) else { return };
+fn a_sound_board_passes_and_nothing_is_played_where_a_rig_may_be_connected() {
+    let Some(outcome) = selftest("sound", (&["--write"], "no"), wired(Jumpers::RIGHT, Planted::default())) else {
+        return;
+    };
     outcome.fails(&[]);
-    assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
+    assert!(outcome.errors.contains(QUESTION));
+    assert_eq!(outcome.names("skipped"), ["dfu", "double_reset", "jumpers"]);
+    assert!(outcome.reason("jumpers").starts_with("a rig may be connected"));
+    is_not_written(&outcome);
     assert!(outcome.page.contains("Passed"));
     // The twin's values in the table of expected work agree with what the twin measures.
     let number = |text: &Value, before: &str| {
@@ -339,16 +289,19 @@ fn a_sound_board_passes() {
 
 /// The request is lost before the program connects: the board counts it, but says only once what it was.
 #[test]
-fn a_wrong_clock_and_a_lost_dma_request_are_named() {
+fn a_wrong_clock_a_lost_dma_request_and_a_wire_that_is_missing_are_named() {
     let board = Board { hse_hz: 24.24e6, ..Board::NUCLEO };
     let machine = move |image: &[u8]| {
         let options = Options { board, ..Options::default() };
         let mut machine = Machine::with(image, options, Still).expect("the image");
-        machine.chip_mut().planted.lost = Some((DmaRequest::Tim6Update, 1.0));
+        let chip = machine.chip_mut();
+        chip.jumpers = Some(Jumpers { terminal: None, ..Jumpers::RIGHT });
+        chip.planted.lost = Some((DmaRequest::Tim6Update, 1.0));
         machine
     };
-    let Some(outcome) = selftest("clock", WITHOUT, machine) else { return };
-    outcome.fails(&["clock_usb", "overruns"]);
+    let Some(outcome) = selftest("clock", UNPLUGGED, machine) else { return };
+    outcome.fails(&["clock_usb", "overruns", "terminal_wire"]);
+    names_and_plays_nothing_more(&outcome, "terminal_wire", "PA6 to PA1 is missing");
     assert!(outcome.reason("overruns").starts_with("a DMA transfer was lost"), "{}", outcome.reason("overruns"));
     assert!(outcome.reason("clock_usb").contains("1.00 % fast: its crystal"), "{}", outcome.reason("clock_usb"));
     assert!(outcome.page.contains("its crystal is not the one"));
@@ -442,17 +395,6 @@ fn wired(jumpers: Jumpers, planted: Planted) -> impl FnOnce(&[u8]) -> Machine + 
     }
 }
 
-#[test]
-fn nothing_is_played_where_a_rig_may_be_connected() {
-    let Some(outcome) = selftest("no", (&["--write"], "no"), wired(Jumpers::RIGHT, Planted::default())) else { return };
-    assert!(outcome.errors.contains(QUESTION));
-    assert_eq!(outcome.names("skipped"), ["dfu", "double_reset", "jumpers"]);
-    assert!(outcome.reason("jumpers").starts_with("a rig may be connected"));
-    assert!(!outcome.names("pass").contains(&"encoder_wires"));
-    assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
-    is_not_written(&outcome);
-}
-
 /// If the skew is not measured, `--write` reports that it has nothing to save.
 fn is_not_written(outcome: &Outcome) {
     assert_eq!(outcome.json["skew"], Value::Null);
@@ -505,12 +447,6 @@ fn is_named(name: &str, check: &str, cause: &str, machine: impl FnOnce(&[u8]) ->
     let Some(outcome) = selftest(name, UNPLUGGED, machine) else { return };
     outcome.fails(&[check]);
     names_and_plays_nothing_more(&outcome, check, cause);
-}
-
-#[test]
-fn a_wire_that_is_missing_is_named() {
-    let jumpers = Jumpers { terminal: None, ..Jumpers::RIGHT };
-    is_named("missing", "terminal_wire", "PA6 to PA1 is missing", wired(jumpers, Planted::default()));
 }
 
 /// Whether the sampler loses samples before anything is played, or while which tape is played, depends on the moment.
