@@ -1,7 +1,8 @@
 //! A USB/IP server for Linux's `vhci_hcd`, which makes the device available over the network.
 //!
 //! [`Server::turn`] advances everything by one step: connections, packets, device time. [`Server::run`] keeps device
-//! time in step with wall-clock time, because the client's kernel uses the latter.
+//! time in step with wall-clock time, because the client's kernel uses the latter. A kernel in an emulator may be too
+//! slow for that: while it has no read pending on an endpoint that it reads, device time stands still.
 //!
 //! The client's kernel acts as the host's drivers, [`UsbHost`] as its host controller. An import connects the cable;
 //! the end of the connection disconnects it. Linux does not forward its bus reset and SET_ADDRESS to the server, which
@@ -9,7 +10,7 @@
 
 mod protocol;
 
-use crate::usb_host::{Carried, Description, Socket, UsbError, UsbHost};
+use crate::usb_host::{Carried, Description, Socket, Transfer, UsbError, UsbHost};
 use protocol::{Foreign, Refusal, Request};
 use std::collections::BTreeMap;
 use std::io::{self, Read, Write};
@@ -22,6 +23,8 @@ const AHEAD: Duration = Duration::from_millis(1);
 const BEHIND: Duration = Duration::from_millis(50);
 /// Pause while device time leads.
 const NAP: Duration = Duration::from_micros(300);
+/// A client without a pending read for this long has stopped reading.
+const READ_TIME: Duration = Duration::from_secs(1);
 /// A client that accepts no data for this long is disconnected.
 const WRITE_TIME: Duration = Duration::from_secs(5);
 
@@ -40,6 +43,16 @@ struct Client {
     bytes: Vec<u8>,
     /// Whether it has imported the device.
     owner: bool,
+}
+
+/// A client's transfer.
+struct Pending {
+    /// The client's number for it.
+    sequence: u32,
+    /// Whether the device sends.
+    to_host: bool,
+    /// The endpoint that is read; none for control transfers, which come one at a time, and for writes.
+    reads: Option<u8>,
 }
 
 /// Reason for the end of a connection.
@@ -88,8 +101,10 @@ pub struct Server<S> {
     host: UsbHost,
     listener: TcpListener,
     clients: Vec<Client>,
-    /// The host's transfers by number: the client's sequence number, and whether it is an IN transfer.
-    transfers: BTreeMap<u64, (u32, bool)>,
+    /// The host's transfers by number.
+    transfers: BTreeMap<u64, Pending>,
+    /// Since when the client has no read pending on an endpoint that it reads.
+    starved: Option<Instant>,
     description: Option<Description>,
 }
 
@@ -105,6 +120,7 @@ impl<S: Socket> Server<S> {
             listener,
             clients: Vec::new(),
             transfers: BTreeMap::new(),
+            starved: None,
             description: None,
         })
     }
@@ -129,7 +145,13 @@ impl<S: Socket> Server<S> {
     pub fn run(&mut self, mut over: impl FnMut(&mut Self) -> bool) -> Carried {
         let mut start = (Instant::now(), self.socket.time_s());
         while !over(self) {
-            self.turn()?;
+            self.hear_all()?;
+            if self.starved.is_some_and(|since| since.elapsed() < READ_TIME) {
+                std::thread::sleep(NAP);
+                continue;
+            }
+            self.starved = None;
+            self.serve()?;
             let lived = Duration::from_secs_f64((self.socket.time_s() - start.1).max(0.0));
             let passed = start.0.elapsed();
             if lived > passed + AHEAD {
@@ -143,6 +165,11 @@ impl<S: Socket> Server<S> {
 
     /// One step: new connections, their data, one packet of each transfer, completed transfers.
     pub fn turn(&mut self) -> Carried {
+        self.hear_all()?;
+        self.serve()
+    }
+
+    fn hear_all(&mut self) -> Carried {
         self.accept();
         let mut index = 0;
         while index < self.clients.len() {
@@ -160,6 +187,10 @@ impl<S: Socket> Server<S> {
                 self.release();
             }
         }
+        Ok(())
+    }
+
+    fn serve(&mut self) -> Carried {
         self.host.service(&mut self.socket)?;
         self.return_done();
         // A device that disables its pull-up looks unplugged to the hub.
@@ -216,12 +247,17 @@ impl<S: Socket> Server<S> {
                 protocol::imported(Ok(description))
             }
             Request::Submit { sequence, to_host, transfer } => {
+                let reads = if let Transfer::In(endpoint, _) = transfer { Some(endpoint) } else { None };
+                if reads.is_some() {
+                    self.starved = None;
+                }
                 let number = self.host.submit(transfer);
-                self.transfers.insert(number, (sequence, to_host));
+                self.transfers.insert(number, Pending { sequence, to_host, reads });
                 return Ok(());
             }
             Request::Unlink { sequence, other } => {
-                let number = self.transfers.iter().find(|(_, (number, _))| *number == other).map(|(number, _)| *number);
+                let number = self.transfers.iter().find(|(_, pending)| pending.sequence == other);
+                let number = number.map(|(number, _)| *number);
                 let cancelled = number.and_then(|number| {
                     self.transfers.remove(&number);
                     self.host.cancel(number)
@@ -261,13 +297,18 @@ impl<S: Socket> Server<S> {
         self.host.unplug(&mut self.socket);
         while self.host.next_done().is_some() {}
         self.transfers.clear();
+        self.starved = None;
     }
 
     /// Sends the replies to completed transfers. A broken connection is detected at the next read.
     fn return_done(&mut self) {
         while let Some(done) = self.host.next_done() {
-            let Some((sequence, to_host)) = self.transfers.remove(&done.number) else { continue };
+            let Some(Pending { sequence, to_host, reads }) = self.transfers.remove(&done.number) else { continue };
             self.counts.transfers += 1;
+            let was_last = !self.transfers.values().any(|pending| pending.reads == reads);
+            if reads.is_some() && was_last && done.result.is_ok() {
+                self.starved = Some(Instant::now());
+            }
             let answer = match done.result {
                 Ok(data) if to_host => protocol::submitted(sequence, 0, data.len(), &data),
                 Ok(_) => protocol::submitted(sequence, 0, done.moved, &[]),

@@ -5,10 +5,10 @@
 //! process, so the guest reaches nothing else. The guest's init program connects back and runs the commands that the
 //! test sends.
 //!
-//! At the end, another firmware is installed over the same cable, once by `inerter update` and once by Debian's
-//! dfu-util.
+//! At the end, `inerter update` installs another firmware over the same cable. Updates that are interrupted, and those
+//! by Debian's dfu-util, are in a longer test.
 //!
-//! Slow: several minutes. Skipped if the image or QEMU is missing.
+//! Slow: two minutes, the longer one three. Skipped if the image or QEMU is missing.
 
 use crate::common::{another, chip_with, configured, image_of_others, rig, serial};
 use inerter_core::Settings;
@@ -214,6 +214,10 @@ impl Watch {
         println!("{:6.2} s  {what}", self.last.elapsed().as_secs_f64());
         self.last = Instant::now();
     }
+
+    fn end(self) {
+        println!("{:6.2} s  in all", self.start.elapsed().as_secs_f64());
+    }
 }
 
 /// Where `cargo xtask guest` puts the image and the programs.
@@ -234,16 +238,24 @@ fn image() -> Result<PathBuf, String> {
     if there.is_ok_and(|status| status.success()) { Ok(image) } else { Err(format!("no {QEMU}; `cargo xtask setup`")) }
 }
 
-#[test]
-fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
-    let (Some(image), Some(firmware)) = (inerter_needs::or_skip(image()), shipping_image()) else { return };
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+/// Boots Linux beside a board with the shipping firmware.
+fn boot(console: &str) -> Option<(Watch, Vec<u8>, Twin, Linux)> {
+    let (image, firmware) = (inerter_needs::or_skip(image())?, shipping_image()?);
     let mut watch = Watch::start();
     let twin = Twin::start(firmware.clone());
     watch.lap("twin: started, set up");
-    let mut linux = Linux::boot(&image, &folder.join("linux-console.txt"), twin.address);
+    let linux = Linux::boot(&image, &tests_folder().join(console), twin.address);
     watch.lap("Linux: booted");
+    Some((watch, firmware, twin, linux))
+}
 
+fn tests_folder() -> PathBuf {
+    PathBuf::from(env!("CARGO_TARGET_TMPDIR"))
+}
+
+#[test]
+fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
+    let Some((mut watch, firmware, twin, mut linux)) = boot("linux-console.txt") else { return };
     the_kernel_sees_the_device(&mut linux);
     watch.lap("plugged in, port there");
     a_fresh_terminal_echoes_and_nothing_happens(&mut linux, &twin);
@@ -253,7 +265,7 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
     watch.lap("ports; a second import is refused");
     the_monitor_shows_the_estimates(&mut linux);
     watch.lap("monitor");
-    a_recording_comes_home(&mut linux, &folder);
+    a_recording_comes_home(&mut linux, &tests_folder());
     watch.lap("record, info, replay");
     the_port_opens_and_closes_twenty_times(&mut linux);
     watch.lap("20 x open and close");
@@ -261,10 +273,21 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
     watch.lap("plugged in again under another name");
     a_power_cut_is_a_clear_error(&mut linux, &twin);
     watch.lap("power cut");
-    the_self_test_goes_into_update_mode_and_back(&mut linux, &twin);
-    watch.lap("selftest");
     the_program_brings_another_firmware(&mut linux, &firmware);
     watch.lap("inerter update");
+    // A background attach of the last stage may still be running. End the twin first.
+    twin.end();
+    programs_of_others_are_served(&mut linux);
+    watch.lap("programs of others");
+    watch.end();
+}
+
+#[test]
+#[ignore = "long: cargo xtask test --full"]
+fn a_board_is_updated_over_a_real_kernel_however_it_is_interrupted() {
+    let Some((mut watch, firmware, twin, mut linux)) = boot("linux-console-update.txt") else { return };
+    the_self_test_goes_into_update_mode_and_back(&mut linux, &twin);
+    watch.lap("selftest");
     dfu_util_brings_another_firmware(&mut linux, &twin, &firmware);
     watch.lap("dfu-util");
     an_update_that_is_cut_is_completed_by_the_next(&mut linux, &twin, &firmware);
@@ -273,15 +296,10 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
     watch.lap("dfu-util that is cut");
     a_really_different_build_goes_there_and_back(&mut linux, &twin, &firmware);
     watch.lap("another build, and back");
-    // A background attach of the last stage may still be running. End the twin first.
     twin.end();
     a_chip_that_is_too_small_is_refused_whatever_the_rom_describes(&mut linux, &firmware);
     watch.lap("small chips");
-    programs_of_others_are_served(&mut linux);
-    watch.lap("programs of others");
-
-    drop(linux);
-    println!("{:6.2} s  in all", watch.start.elapsed().as_secs_f64());
+    watch.end();
 }
 
 fn the_kernel_sees_the_device(linux: &mut Linux) {

@@ -679,9 +679,12 @@ fn cut_everywhere(link: &mut SerialLink, before: &Contents, old: &Settings, new:
             let next = numbered(77);
             write(link, &next);
             save(link).unwrap_or_else(|error| panic!("{what}, then saved again: {error}"));
-            let kept = link.machine.chip().flash.contents();
-            start_from(link, &kept);
-            assert_eq!(settings(link), next, "{what}, then saved again");
+            // Beside the remains that are the hardest to read.
+            if torn == Torn::Between {
+                let kept = link.machine.chip().flash.contents();
+                start_from(link, &kept);
+                assert_eq!(settings(link), next, "{what}, then saved again");
+            }
         }
     }
     unreachable!("a save has an end")

@@ -96,6 +96,29 @@ fn bytes_go_through_and_back() {
 }
 
 #[test]
+fn device_time_stands_still_while_a_client_is_too_slow_to_read() {
+    let (mut server, mut peer) = imported();
+    let passed_s = |server: &mut Server<Puppet>, time: Duration| {
+        let (start, from_s) = (Instant::now(), server.socket.time_s());
+        server.run(|_| start.elapsed() > time).expect("the device runs");
+        server.socket.time_s() - from_s
+    };
+    let while_read = Duration::from_millis(100);
+    peer.submit(2, true, 1, 128, [0; 8], &[]);
+    assert!(passed_s(&mut server, while_read) > 0.0, "a read is pending");
+    peer.submit(3, false, 1, 5, [0; 8], b"hello");
+    peer.take_return(&mut server, false);
+    peer.take_return(&mut server, true);
+    assert_eq!(passed_s(&mut server, while_read), 0.0, "no read is pending");
+    peer.submit(4, true, 1, 128, [0; 8], &[]);
+    assert!(passed_s(&mut server, while_read) > 0.0, "the next read is pending");
+    peer.submit(5, false, 1, 5, [0; 8], b"hello");
+    peer.take_return(&mut server, false);
+    peer.take_return(&mut server, true);
+    assert!(passed_s(&mut server, READ_TIME + while_read) > 0.0, "the client has stopped reading");
+}
+
+#[test]
 fn a_request_that_the_device_refuses_is_a_broken_pipe() {
     let (mut server, mut peer) = imported();
     peer.submit(2, true, 0, 4, [0xC0, 0x33, 0, 0, 0, 0, 4, 0], &[]);
