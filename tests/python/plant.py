@@ -5,8 +5,8 @@ PROGRAM: `inerter`. Writes FOLDER/plant.json: a list of {"kind", "runs", "wrong"
 first of them without a defect. What a run comes to is read from the last line of `inerter replay --json`, as anybody would.
 
 The position is a sum of sines, so velocity and acceleration are exact, and the force is
-F = mt a + cf v + fc sgn(v) + F0 at the moment of the sample: there is no integration, no contact, no structure. Friction that turns over a
-distance is Dahl's, in steps of a hundredth of its distance. Kinds, sizes and draws are this file's own.
+F = mt a + cf v + fc sgn(v) + F0 at the moment of the sample: there is no integration, no contact, no structure. Presliding friction
+is Dahl's, in steps of a hundredth of its distance. Kinds, sizes and draws are this file's own.
 
 Wrong: a value of mt, cf or fc that is given and lies further from the truth than its interval (`uncertainty.<parameter>.u95`; for the device
 `whole_run.<parameter>.u95`). Told: the law is called broken, or a warning or `moved_by` names the defect. Assumed: only `assumes` names it.
@@ -33,18 +33,18 @@ KINDS = {
     "friction that grows with the load": ("load_dependent",),
     "force once a turn": ("position_periodic", "encoder_error"),
     "friction greater at low speed": ("stribeck",),
-    "friction that turns over a distance": ("presliding",),
+    "presliding friction": ("presliding",),
     "offset that drifts": ("drift",),
     "friction that falls as it warms": ("drift",),
-    "force that is late": ("skew",),
-    "encoder off its centre": ("encoder_error", "position_periodic"),
+    "delayed force": ("skew",),
+    "eccentric encoder": ("encoder_error", "position_periodic"),
     "viscous friction that differs by direction": ("direction",),
     "friction by the square of the velocity": ("quadratic_friction",),
     "spring in parallel": ("spring",),
-    "cell that saturates softly": ("force_nonlinear",),
+    "load cell that saturates softly": ("force_nonlinear",),
     "clipped force": ("clipped_force",),
     "counts that slip": ("count_slip",),
-    "force that stands still from half of the run on": ("dead_force",),
+    "force that freezes halfway through the run": ("dead_force",),
 }
 
 
@@ -96,7 +96,7 @@ def make(kind, name, seed):
         mt, truth["inertance_kg"] = 0.0, [0.0, 0.0]
     if kind == "friction greater at low speed":
         rubs = fc * sign * (1 + 0.3 * size * np.exp(-np.abs(v) / (0.1 * v_rms)))
-    if kind == "friction that turns over a distance":
+    if kind == "presliding friction":
         fine = 20
         path = of(np.arange(len(t) * fine) / (RATE_HZ * fine))[0]
         rubs = fc * dahl(path, 0.01 * size * stroke)[::fine]
@@ -113,18 +113,18 @@ def make(kind, name, seed):
         "spring in parallel": 0.05 * size * scale / stroke * x,
     }
     force = force + beside.get(kind, 0.0)
-    if kind == "force that is late":
+    if kind == "delayed force":
         force = np.interp(t - 1e-3 * size, t, force)
-    if kind == "cell that saturates softly":
+    if kind == "load cell that saturates softly":
         force = force - 0.05 * size * force**3 / np.max(np.abs(force)) ** 2
     force = force + noise * draw.standard_normal(len(t))
     if kind == "clipped force":
         force = np.clip(force, -0.8 * np.max(np.abs(force)), 0.8 * np.max(np.abs(force)))
-    if kind == "force that stands still from half of the run on":
+    if kind == "force that freezes halfway through the run":
         force[len(t) // 2 :] = force[len(t) // 2]
     if kind == "force inverted":
         force = -force
-    if kind == "encoder off its centre":
+    if kind == "eccentric encoder":
         x = x + 0.01 * size * stroke * np.sin(2 * np.pi * x / lead)
     counts = np.floor(x / count + unit).astype(int)
     if kind == "counts that slip":

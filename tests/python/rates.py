@@ -138,12 +138,18 @@ def main(program, *paths):
     unit = rates[0][2]
     print(f"""# Rates of a replay
 
-`cargo xtask rates --update` writes this table: samples per second, the best of {PASSES} passes on one machine, of which only the ratios mean anything. The run
-has {length} samples at {rate:g} Hz. *Command line*: `inerter replay --json` from its start to its end, in processes of their own; *package*: `inerter.replay` of the
-same file in one process, on two threads for two workers. Both read the recording, replay, and look for causes and for a better motion. *numpy* has the samples in
-memory and does less: one bank, with the same kernels, averages and solutions, and neither gates nor intervals; its inertance is within 0.1 % of ours.
+Written by `cargo xtask rates --update`: samples per second, the best of {PASSES} passes on one
+machine. Only the ratios carry over to other machines. The run has {length} samples at {rate:g} Hz.
 
-| | workers | samples/s | of the command line | goal |
+- *command line*: `inerter replay --json` from start to end, each run in its own process.
+- *package*: `inerter.replay` of the same file in one process. Two workers are two threads.
+- *numpy*: a filter with the same kernels, averages and solutions, but only one bank, no gates and
+  no intervals. It has the samples in memory. Its inertance is within 0.1 % of ours.
+
+The command line and the package read the recording, replay it, and search for causes and for a
+better motion.
+
+| | workers | samples/s | relative to the command line | goal |
 |---|---|--:|--:|---|""")
     for name, workers, samples in rates:
         reached = "reached" if samples >= GOAL * unit else "**missed**"

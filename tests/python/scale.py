@@ -25,7 +25,7 @@ SHARDS = 5
 """Of these the program replays one, for its rate."""
 MILLION = 1_000_000
 DEVICES = 10_000
-PRICES = {"GB a month": 0.023, "processor an hour": 0.05, "1000 writes": 0.005, "1000 reads": 0.0004}
+PRICES = {"GB and month": 0.023, "processor hour": 0.05, "1000 writes": 0.005, "1000 reads": 0.0004}
 """Round list prices of large clouds [US dollars]; put in yours."""
 REQUESTS = {"added": (7, 20), "by the program": (1, 1), "by a worker": (1, 8), "looked at": (0, 1)}
 """Requests to S3 for a run: writes (PUT) and reads (GET, HEAD), as host-tools/python/tests/test_store.py counts them. Lists, one for
@@ -121,25 +121,27 @@ def main(program, folder, runs):
     tables = sum(path.stat().st_size for path in files) - recordings
     figures = [
         ("runs", f"{runs}", ""),
-        ("replay of a run without store and cluster", f"{1e3 * alone_s:.1f}", "ms"),
-        ("one worker, a run", f"{1e3 * one / runs:.1f}", "ms"),
+        ("time of a replay without store and cluster", f"{1e3 * alone_s:.1f}", "ms"),
+        ("one worker: time per run", f"{1e3 * one / runs:.1f}", "ms"),
         ("of which store and cluster (goal: under 20)", f"{1e3 * (one / runs - alone_s):.1f}", "ms"),
-        ("two workers, a run", f"{1e3 * two / runs:.1f}", "ms"),
-        ("two workers over one (goal: at least 1.8)", f"{one / two:.2f}", "times"),
-        ("two processes over one, without store and cluster", f"{alone_s / both_s:.2f}", "times"),
-        ("`inerter replay --store`, a run", f"{1e3 * by_program:.1f}", "ms"),
-        ("adding a run", f"{1e3 * adding_s:.1f}", "ms"),
-        ("`store.runs` with a condition, a run", f"{1e3 * listing / runs:.2f}", "ms"),
+        ("two workers: time per run", f"{1e3 * two / runs:.1f}", "ms"),
+        ("rate of two workers over that of one (goal: at least 1.8)", f"{one / two:.2f}", "times"),
+        ("rate of two processes over that of one, without store and cluster", f"{alone_s / both_s:.2f}", "times"),
+        ("`inerter replay --store`: time per run", f"{1e3 * by_program:.1f}", "ms"),
+        ("adding: time per run", f"{1e3 * adding_s:.1f}", "ms"),
+        ("`store.runs` with a condition: time per run", f"{1e3 * listing / runs:.2f}", "ms"),
         ("largest memory of a worker (goal: under 200)", f"{max(memory_of_one, memory_of_two):.0f}", "MB"),
-        ("recording of a run", f"{recordings / runs / 1e3:.1f}", "KB"),
-        ("tables and sums of a run", f"{tables / runs / 1e3:.1f}", "KB"),
-        ("rows after a worker was killed when a third was done", f"{runs}", "all without an error"),
+        ("recording: size per run", f"{recordings / runs / 1e3:.1f}", "KB"),
+        ("tables and sums: size per run", f"{tables / runs / 1e3:.1f}", "KB"),
+        ("rows although one of two workers was killed at a third of the runs", f"{runs}", "all without an error"),
     ]
     print("# What many runs cost\n")
     print(
-        "`cargo xtask scale --update` writes this table: simulated runs of 20 s at 1 kHz in a store in a folder, replayed by the workers of a\n"
-        "Dask cluster on one machine of two processors, which the scheduler and the client share with them. Only the ratios carry over to other machines; the times are this machine's. *Adding* is of 200 runs\n"
-        "to an empty store, by two processes at once. Memory is the most that a worker's process ever had.\n"
+        "Written by `cargo xtask scale --update`: simulated runs of 20 s at 1 kHz, in a store in a folder,\n"
+        "are replayed by the workers of a Dask cluster. Workers, scheduler and client share one machine of\n"
+        "two processors. Only the ratios carry over to other machines; the times are this machine's. *adding*\n"
+        "is measured on 200 runs that two processes at once add to an empty store. Memory is the largest that\n"
+        "the process of a worker ever used.\n"
     )
     print("| figure | value | unit |\n|---|--:|---|")
     for name, value, unit in figures:
@@ -148,25 +150,25 @@ def main(program, folder, runs):
     objects = MILLION * len(files) / runs
     replays_h = MILLION * by_program / 3600
     adding_h = MILLION * adding_s / 3600
-    on_paper = [
-        ("storage", f"{gigabytes:.0f} GB in {objects / 1e6:.0f} million objects", gigabytes * PRICES["GB a month"], "a month"),
-        ("adding all of them", f"{adding_h:.0f} processor hours", adding_h * PRICES["processor an hour"], ""),
-        ("adding them in S3: requests", *asked("added"), ""),
-        ("replaying all of them", f"{replays_h:.0f} processor hours", replays_h * PRICES["processor an hour"], ""),
-        ("replaying them in S3: requests of `inerter replay --store`", *asked("by the program"), ""),
-        ("replaying them in S3: requests of `inerter.batch.replay`", *asked("by a worker"), ""),
+    calculated = [
+        ("storage", f"{gigabytes:.0f} GB in {objects / 1e6:.0f} million objects", gigabytes * PRICES["GB and month"], "a month"),
+        ("adding all runs", f"{adding_h:.0f} processor hours", adding_h * PRICES["processor hour"], ""),
+        ("adding all runs to S3: requests", *asked("added"), ""),
+        ("replaying all runs", f"{replays_h:.0f} processor hours", replays_h * PRICES["processor hour"], ""),
+        ("replaying all runs in S3: requests of `inerter replay --store`", *asked("by the program"), ""),
+        ("replaying all runs in S3: requests of `inerter.batch.replay`", *asked("by a worker"), ""),
         ("reading the row of every run in a folder", f"{MILLION * listing / runs / 60:.0f} minutes by one process", None, ""),
         ("reading the row of every run in S3: requests", *asked("looked at"), ""),
     ]
-    print(f"\n## A million runs of {DURATION_S} s of {DEVICES // 1000} thousand devices, on paper\n")
+    print(f"\n## A million runs of {DURATION_S} s of {DEVICES // 1000} thousand devices, calculated\n")
     print(
-        f"From the figures above, {MILLION // DEVICES} runs of each device, in proportion: nobody has stored a million. Prices are round ones of large\n"
-        "clouds in US dollars, and stand in the script: "
-        + ", ".join(f"{price} {name}" for name, price in PRICES.items())
+        f"Calculated in proportion from the figures above, for {MILLION // DEVICES} runs of each device; a million runs were\n"
+        "not stored. Prices are round list prices of large clouds in US dollars, constants in the script:\n"
+        + ", ".join(f"{price} per {name}" for name, price in PRICES.items())
         + ".\n"
     )
     print("| what | how much | US dollars | |\n|---|---|--:|---|")
-    for what, amount, price, unit in on_paper:
+    for what, amount, price, unit in calculated:
         print(f"| {what} | {amount} | {dollars(price)} | {unit} |")
 
 

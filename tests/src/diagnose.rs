@@ -111,7 +111,7 @@ pub fn cases() -> Vec<Case> {
         device("Stribeck 1.3, 10 mm/s", Kind::Stribeck, rise, stribeck(10.0)),
         device("presliding 50 um", Kind::Presliding, 50e-6, presliding(50.0)),
         device("presliding 200 um", Kind::Presliding, 200e-6, presliding(200.0)),
-        device("cf uneven by 40 %", Kind::Direction, uneven, Inerter { viscous_asymmetry: 0.4, ..paper }),
+        device("cf +-40 % by direction", Kind::Direction, uneven, Inerter { viscous_asymmetry: 0.4, ..paper }),
     ]
 }
 

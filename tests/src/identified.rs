@@ -153,9 +153,9 @@ mod tests {
         // A slope of 5 N over 20 s, in noise of 1 N at 1 kHz.
         let exact = 5.0 * (20_000.0_f64 / 12.0).sqrt();
         assert!(drift.left > 0.99 && (drift.sigmas / exact - 1.0).abs() < 0.05, "{drift:?} {exact}");
-        assert!(told("ripple of 10 N", "two").is_enough() && !told("cf uneven by 40 %", "slow").is_enough());
+        assert!(told("ripple of 10 N", "two").is_enough() && !told("cf +-40 % by direction", "slow").is_enough());
         // Repeated encoder steps do not average out.
-        let once = told("cf uneven by 40 %", "mid").sigmas;
-        assert!(case("cf uneven by 40 %").told_by(&MOTIONS[1], 1, 32.0).unwrap().sigmas < 0.7 * once);
+        let once = told("cf +-40 % by direction", "mid").sigmas;
+        assert!(case("cf +-40 % by direction").told_by(&MOTIONS[1], 1, 32.0).unwrap().sigmas < 0.7 * once);
     }
 }

@@ -55,7 +55,7 @@ const VIOLATIONS: [Violation; 4] = [
         case: |case, ripple_n| Case { added: Added { ripple_n, ..case.added }, ..case },
     },
     Violation {
-        name: "friction that rises towards rest (Stribeck, 5 mm/s)",
+        name: "Stribeck friction (5 mm/s)",
         unit: "of fc",
         range: [1e-3, 2.0],
         kind: Kind::Stribeck,
@@ -65,7 +65,7 @@ const VIOLATIONS: [Violation; 4] = [
         },
     },
     Violation {
-        name: "friction that turns over a distance (presliding)",
+        name: "presliding friction",
         unit: "um",
         range: [0.01, 300.0],
         kind: Kind::Presliding,
@@ -114,7 +114,7 @@ pub fn sections(seeds: Range<u64>) -> Result<(String, Figure)> {
     let mut panels = Vec::new();
     for violation in &VIOLATIONS {
         text += &format!(
-            "\n### {}\n\n| motion | size | in U95 | {} | left % | told % | mt covered % | cf | fc | error/U95 |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|---|\n",
+            "\n### {}\n\n| motion | intended | in U95 | {} | left % | reported % | mt covered % | cf | fc | error/U95 |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|---|\n",
             violation.name, violation.unit
         );
         let mut layers = vec![Layer::unnamed(Colour::Grid, Shape::Level(WANTED, Stroke::Dashed))];
@@ -135,8 +135,8 @@ pub fn sections(seeds: Range<u64>) -> Result<(String, Figure)> {
             layers.push(Layer::new(motion.name, colour, Shape::Line(points, Stroke::Solid)));
         }
         panels.push(Panel {
-            x: Axis::log(format!("{}: what it moves a parameter by [U95]", violation.name)).within(0.2, 15.0),
-            y: Axis::new("held by replay [%]").within(0.0, 101.0),
+            x: Axis::log(format!("{}: shift of the parameter it moves most [U95]", violation.name)).within(0.2, 15.0),
+            y: Axis::new("coverage of replay [%]").within(0.0, 101.0),
             height_px: 240,
             layers,
         });
@@ -145,8 +145,7 @@ pub fn sections(seeds: Range<u64>) -> Result<(String, Figure)> {
     let figure = Figure {
         name: "coverage",
         title: "A law that is nearly true".into(),
-        caption: "Truths that the interval of replay holds, of the parameter that holds fewest, in runs without a word"
-            .into(),
+        caption: "Coverage of the interval of replay in silent runs, for the parameter with the lowest coverage".into(),
         panels,
     };
     Ok((text, figure))
@@ -163,21 +162,26 @@ fn summary(cells: &[Silent]) -> String {
     // List a place once, not once per size.
     places.sort_by_key(|cell| (cell.violation, cell.motion, cell.parameter));
     places.dedup_by_key(|cell| (cell.violation, cell.motion, cell.parameter));
-    let places: Vec<String> = places.iter().map(|cell| cell.place()).collect();
+    let places: String = places.iter().map(|cell| sheet::item(&cell.place())).collect();
     let seen = count(&|cell| cell.left >= LEAST_LEFT);
     format!(
         "
 ### All cells
 
-Of {all} cells with silent runs, {held} are covered in {WANTED:.0} % of them or more, and {} are not. Where the law leaves at least {LEAST_LEFT:.0} % of the violation's regressor, {} of {seen} are.
+The goal is a coverage of {WANTED:.0} % in the silent runs of a cell. Of {all} cells with silent runs,
+{held} reach it and {} miss it. Where the law leaves at least {LEAST_LEFT:.0} % of the violation's regressor
+unexplained, {} of {seen} reach it.
 
-The worst hold {least:.0} %. These are {worst} cells, by violation, motion (what is left over) and parameter: {}.
+The lowest coverage is {least:.0} %, in {worst} cells. By violation, motion (part left unexplained) and
+parameter, they are:
 
-{} cells name the violation as what they rest on: {} of those that are not covered, and {} of those that are. Not covered and without that word: {}.
+{places}
+In {} cells `replay` reports that the parameter assumes the absence of the violation (`assumes`):
+{} of the cells that miss the goal and {} of those that reach it. Cells that miss the goal without
+this report: {}.
 ",
         all - held,
         count(&|cell| cell.left >= LEAST_LEFT && cell.is_held()),
-        places.join("; "),
         count(&|cell| cell.rests),
         count(&|cell| cell.rests && !cell.is_held()),
         count(&|cell| cell.rests && cell.is_held()),
@@ -294,10 +298,12 @@ mod tests {
         ];
         let text = summary(&cells);
         for said in [
-            "Of 4 cells with silent runs, 1 are covered in 90 % of them or more, and 3 are not.",
-            "at least 5 % of the violation's regressor, 1 of 3 are.",
-            "The worst hold 0 %. These are 2 cells, by violation, motion (what is left over) and parameter: load, `random` (36.60 %), `cf`.",
-            "3 cells name the violation as what they rest on: 2 of those that are not covered, and 1 of those that are. Not covered and without that word: 1.",
+            "a coverage of 90 % in the silent runs of a cell. Of 4 cells with silent runs,\n1 reach it and 3 miss it.",
+            "at least 5 % of the violation's regressor\nunexplained, 1 of 3 reach it.",
+            "The lowest coverage is 0 %, in 2 cells.",
+            "they are:\n\n- load, `random` (36.60 %), `cf`\n\nIn 3 cells",
+            "(`assumes`):\n2 of the cells that miss the goal and 1 of those that reach it.",
+            "Cells that miss the goal without\nthis report: 1.",
         ] {
             assert!(text.contains(said), "{said}\n{text}");
         }

@@ -12,6 +12,9 @@ use std::{
 /// which moves a few counts of a run.
 pub const TOLERANCE: f64 = 0.02;
 
+/// Maximum length of a line of text; rows of tables may be longer.
+const COLUMNS: usize = 100;
+
 /// What to do with a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Asked {
@@ -77,8 +80,8 @@ pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<boo
         println!("{name}: {part}as in docs/tables/{name}.md");
     } else {
         eprintln!(
-            "{name}: {} figures left docs/tables/{name}.md; when the change is meant, run `cargo xtask {name} --update` \
-             and commit the table",
+            "{name}: {} figures differ from docs/tables/{name}.md; if that is intended, run \
+             `cargo xtask {name} --update` and commit the table",
             differences.len()
         );
     }
@@ -144,7 +147,23 @@ pub fn list(sentences: &[String]) -> String {
     if sentences.is_empty() {
         return "None.\n".into();
     }
-    sentences.iter().map(|sentence| format!("- {sentence}.\n")).collect()
+    sentences.iter().map(|sentence| item(&format!("{sentence}."))).collect()
+}
+
+/// An item of a list, wrapped at 100 columns.
+pub fn item(text: &str) -> String {
+    let (mut item, mut column) = ("-".to_owned(), 1);
+    for word in text.split(' ') {
+        let length = 1 + word.chars().count();
+        if column + length > COLUMNS {
+            item += "\n ";
+            column = 1;
+        }
+        item += " ";
+        item += word;
+        column += length;
+    }
+    item + "\n"
 }
 
 /// A part as a percentage; a dash if there is none.
@@ -262,6 +281,14 @@ mod tests {
         let table = |bias: &str| format!("| a | bias | sigma |\n|---|---|---|\n| x | {bias} | 5.00 |\n");
         assert!(differences(&table("0.10"), &table("0.20"), 1).is_empty());
         assert_eq!(differences(&table("0.10"), &table("0.30"), 1).len(), 1);
+    }
+
+    #[test]
+    fn items_are_wrapped() {
+        let word = "a".repeat(COLUMNS - 2);
+        assert_eq!(item(&word), format!("- {word}\n"));
+        assert_eq!(item(&format!("{word} b c")), format!("- {word}\n  b c\n"));
+        assert_eq!(list(&["a b".into()]), "- a b.\n");
     }
 
     #[test]

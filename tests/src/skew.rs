@@ -20,7 +20,8 @@ const DURATION_S: f64 = 20.0;
 const PEAKS: f64 = 12.0;
 
 /// Kinds of friction and contact. A kind listed twice is drawn twice as often.
-const DEVICES: [&str; 7] = ["Coulomb", "Coulomb", "presliding", "Stribeck", "uneven", "servo", "backlash"];
+const DEVICES: [&str; 7] =
+    ["Coulomb", "Coulomb", "presliding", "Stribeck", "friction by direction", "servo", "backlash"];
 /// Kinds of motion.
 const MOTIONS: [&str; 5] = ["random", "multi", "two", "moves", "chirp"];
 
@@ -201,8 +202,8 @@ pub fn drawn(seed: u64) -> Result<Case> {
         presliding_m: if is(&["presliding", "servo"]) { stroke_m * draw.magnitude(3e-4, 0.02) } else { 0.0 },
         stribeck_ratio: if is(&["Stribeck", "servo"]) { draw.between(1.1, 1.6) } else { 1.0 },
         stribeck_velocity_m_per_s: velocity * draw.magnitude(0.02, 0.3),
-        coulomb_asymmetry: if is(&["uneven", "servo"]) { draw.between(-0.3, 0.3) } else { 0.0 },
-        viscous_asymmetry: if is(&["uneven", "servo"]) { draw.between(-0.3, 0.3) } else { 0.0 },
+        coulomb_asymmetry: if is(&["friction by direction", "servo"]) { draw.between(-0.3, 0.3) } else { 0.0 },
+        viscous_asymmetry: if is(&["friction by direction", "servo"]) { draw.between(-0.3, 0.3) } else { 0.0 },
         backlash_m: if is(&["backlash"]) { stroke_m * draw.magnitude(1e-4, 1e-2) } else { 0.0 },
         ..Inerter::paper()
     };

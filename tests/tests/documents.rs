@@ -21,59 +21,67 @@ const fn testing(table: &'static str, stands: &'static str, quoted: &'static str
 const QUOTES: [Quote; 39] = [
     validation(
         "coverage",
-        "{right} of {all} cells are right. In {wide} more than 95 % are covered beyond chance.",
+        "{right} of {all} cells are not bold. In {wide} cells the coverage is above 95 % by more than chance explains.",
         "Of {all} cells on seven benches {right} are right. In {wide} the coverage is above 95 % by more than chance explains",
     ),
     validation(
         "coverage",
-        "In {all} cells at least {least} % are covered. The rms is over 0.6 in {over} of them, and under 0.25 in {under}.",
+        "In each of {all} cells the coverage is at least {least} %. The rms is over 0.6 in {over} of them, and \
+         under 0.25 in {under}.",
         "in {all} cells the coverage is at least {least} %. The rms is over 0.6 in {over} of them and under 0.25 in {under}",
     ),
     validation(
         "coverage",
-        "With all together {within} of {all} cells are within 93 to 97 %",
+        "With all sources wrong, {within} of {all} cells have a coverage of 93 to 97 %",
         "With all settings wrong at once {within} of {all} cells reach it",
     ),
     validation(
         "coverage",
-        "By single sources {within} of {all} cells are within 93 to 97 %, {under} under and {over} over it",
+        "With one source wrong, {within} of {all} cells have a coverage of 93 to 97 %, {under} have less and {over} \
+         have more.",
         "With one setting wrong at a time {under} of {all} cells are under 93 %; {over} are over 97 %",
     ),
     validation(
         "coverage",
-        "Where the law leaves at least 5 % of the violation's regressor, {held} of {all} are.",
+        "Where the law leaves at least 5 % of the violation's regressor unexplained, {held} of {all} reach it.",
         "{held} of {all} such cells reach 90 %",
     ),
     validation(
         "coverage",
-        "Of {all} cells with silent runs, {held} are covered in 90 % of them or more, and {other} are not.",
+        "The goal is a coverage of 90 % in the silent runs of a cell. Of {all} cells with silent runs, {held} reach \
+         it and {other} miss it.",
         "and {held} of all {all} cells ([all cells](tables/coverage.md#all-cells))",
     ),
-    validation("coverage", "The worst hold {least} %. These", "The worst have {least} %. Friction"),
+    validation("coverage", "The lowest coverage is {least} %, in", "The worst have {least} %. Friction"),
     validation(
         "coverage",
-        "{named} cells name the violation as what they rest on: {not} of those that are not covered, and {held} of those that are. Not covered and without that word: 0.",
+        "In {named} cells `replay` reports that the parameter assumes the absence of the violation (`assumes`): \
+         {not} of the cells that miss the goal and {held} of those that reach it. Cells that miss the goal without \
+         this report: 0.",
         "In all {not} cells that miss the goal, `replay` reports",
     ),
     validation(
         "coverage",
-        "{named} cells name the violation as what they rest on: {not} of those that are not covered, and {held} of those that are.",
+        "In {named} cells `replay` reports that the parameter assumes the absence of the violation (`assumes`): \
+         {not} of the cells that miss the goal and {held} of those that reach it.",
         "it is made in {named} of all cells, and {held} of those reach the goal",
     ),
     validation(
         "merge",
-        "Held: {mt} % of {} intervals of mt, {cf} % of {} of cf, {fc} % of {} of fc.",
+        "The interval contains the mean value in {mt} % of {} cases for mt, {cf} % of {} for cf and {fc} % of {} \
+         for fc.",
         "The true value lies in {mt} % of the intervals of `mt`, {cf} % of `cf` and {fc} % of `fc`",
     ),
     validation(
         "merge",
-        "Of {groups} groups of more than one run whose devices are the same 0 are said to differ.",
+        "Of {groups} groups of more than one run of a device that does not vary, 0 are reported to differ.",
         "In none of {groups} groups is a device that stays the same reported to differ",
     ),
     Quote {
         document: "THEORY",
         table: "merge",
-        stands: "cf, {least} % of {all} of fc. Of {groups} groups of more than one run whose devices are the same 0 are said to differ.",
+        stands: "cf and {least} % of {all} for fc. Of {groups} groups of more than one run of a device that does \
+         not vary, 0 are reported to differ.",
         quoted: "at least {least} % of {all} intervals hold each parameter, and none of {groups} groups",
     },
     validation("diagnose", "| all | {runs} | {first} | {sized} |", "Over all runs it is {sized} %"),
@@ -107,31 +115,39 @@ const QUOTES: [Quote; 39] = [
     ),
     validation(
         "defects",
-        "| any word | |---|--:|--:| | {runs} | {broken} | {word} |",
+        "| other message | |---|--:|--:| | {runs} | {broken} | {word} |",
         "and are {broken} of {runs}, both of two tones",
     ),
     testing(
         "chaos",
-        "| {all} behaviours x {commands} commands, {ended} ended by themselves, 0 late",
+        "| {all} behaviours x {commands} commands; {ended} runs ended by themselves, 0 were late",
         "{all} behaviours of a device, {commands} commands",
     ),
-    testing("chaos", ", ms after a signal {ms} (", "at most {ms} ms after a signal"),
-    testing("chaos", ", ms after its going {ms} (", "{ms} ms after the device disconnected (`monitor`)"),
-    testing("chaos", " ended by themselves, 0 late and visited again; most: kB {kb} (", "and {kb} kB of memory"),
+    testing("chaos", ", ms to end after a signal {ms} (", "at most {ms} ms after a signal"),
     testing(
         "chaos",
-        "| {all} floods x {commands} commands for 8 s; most: kB {kb} (",
+        ", ms to end after the device disconnected {ms} (",
+        "{ms} ms after the device disconnected (`monitor`)",
+    ),
+    testing(
+        "chaos",
+        " ended by themselves, 0 were late and repeated; maxima: memory in kB {kb} (",
+        "and {kb} kB of memory",
+    ),
+    testing(
+        "chaos",
+        "| {all} floods x {commands} commands for 8 s; maximum: memory in kB {kb} (",
         "({kb} kB in one of {all} floods)",
     ),
     testing(
         "chaos",
-        "| {cuts} cuts, after {least} to {most} bytes",
+        "| {cuts} connections cut off, after {least} to {most} bytes",
         "{cuts} connections cut off after {least} to {most} bytes",
     ),
-    testing("chaos", "| {hosts} hosts came and went, ", "{hosts} hosts that came and went"),
+    testing("chaos", "| {hosts} hosts connected and disconnected, ", "{hosts} hosts that connected and disconnected"),
     testing(
         "chaos",
-        "| {kills} kills of `record` and `monitor --record`; worst loss {s} s",
+        "| {kills} kills of `record` and `monitor --record`; at most {s} s lost",
         "{kills} kills: at most {s} s lost",
     ),
     testing(
@@ -142,17 +158,17 @@ const QUOTES: [Quote; 39] = [
     testing("chaos", "| {kills} kills of `settings set`", "{kills} kills of `settings set`"),
     testing(
         "chaos",
-        " runs of {commands} commands at {outlets} outlets",
+        " runs of {commands} commands, each with {outlets} states of its outputs",
         "{commands} commands, each with {outlets} states",
     ),
     testing(
         "chaos",
-        "| {closed} terminals gone, each program ended within {ms} ms",
+        "| {closed} terminals closed; each program ended within {ms} ms",
         "{closed} closed terminals: each program ended within {ms} ms",
     ),
     testing(
         "chaos",
-        " bytes taken: {samples} samples recorded",
+        " bytes read by the slow readers: {samples} samples recorded",
         "{samples} samples at 4 kHz with readers that do not read",
     ),
     testing(
@@ -162,17 +178,19 @@ const QUOTES: [Quote; 39] = [
     ),
     testing(
         "../../tests/mutants/wire",
-        " files: {caught} of {all} mutants are caught ({percent} %",
+        " files, {caught} of {all} mutants are caught ({percent} %",
         "| {all} | {caught} ({percent} %) |",
     ),
     testing(
         "../../tests/mutants/core",
-        " A sample: {caught} of {all} mutants are caught ({percent} %, goal 95 %); of all it is {least} to {most} % with",
+        " In a sample, {caught} of {all} mutants are caught ({percent} %, goal 95 %). \
+         Of all mutants, {least} to {most} % are",
         "| {all} | {caught} ({percent} %; {least} to {most} % of all) |",
     ),
     testing(
         "../../tests/mutants/app",
-        " A sample: {caught} of {all} mutants are caught ({percent} %, goal 95 %); of all it is {least} to {most} % with",
+        " In a sample, {caught} of {all} mutants are caught ({percent} %, goal 95 %). \
+         Of all mutants, {least} to {most} % are",
         "| {all} | {caught} ({percent} %; {least} to {most} % of all) |",
     ),
 ];
@@ -217,6 +235,33 @@ fn quoted_figures_stand_in_their_tables() {
         })
         .collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// The lines of text outside code blocks, tables and long code spans.
+fn prose(text: &str) -> impl Iterator<Item = &str> {
+    let mut is_code = false;
+    text.lines().filter(move |line| {
+        let is_fence = line.trim_start().starts_with("```");
+        is_code ^= is_fence;
+        !is_code && !is_fence && !line.starts_with(['|', '`'])
+    })
+}
+
+#[test]
+fn prose_is_wrapped_at_100_columns() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut long = Vec::new();
+    for folder in ["", "docs", "docs/tables", "tests/mutants"] {
+        let files = fs::read_dir(root.join(folder)).unwrap().map(|file| file.unwrap().path());
+        let files: Vec<_> = files.filter(|file| file.extension().is_some_and(|is| is == "md")).collect();
+        assert!(files.len() > 2, "{folder}");
+        for file in files {
+            let text = fs::read_to_string(&file).unwrap();
+            let lines = prose(&text).filter(|line| line.chars().count() > 100);
+            long.extend(lines.map(|line| format!("{}: {line}", file.display())));
+        }
+    }
+    assert!(long.is_empty(), "{}", long.join("\n"));
 }
 
 #[test]

@@ -12,7 +12,7 @@ use crate::{
     process, tree, workspace,
 };
 use anyhow::{Context, Result, bail, ensure};
-use heuristics::{HEURISTICS, buys, settle};
+use heuristics::{HEURISTICS, contributes, settle};
 use std::{path::Path, process::Command};
 
 /// Fraction of the interval that is added to both errors before their ratio is taken: three seeds resolve no less.
@@ -152,20 +152,35 @@ fn line(name: &str, whole: &Cells, without: &Cells, test: Option<&str>) -> Resul
     // What gets worse without it.
     let lost: Vec<_> = all.into_iter().filter_map(|(is_lost, what)| is_lost.then_some(what)).collect();
     let counts = counts.map(|[before, after]| format!("{before} to {after}")).join(" | ");
-    Ok(format!("| {name} | {error:.2} | {worst} | {u95:.2} | {counts} | {} |", buys(&lost, test)))
+    Ok(format!("| {name} | {error:.2} | {worst} | {u95:.2} | {counts} | {} |", contributes(&lost, test)))
 }
 
 const HEAD: &str = "# Ablation
 
-`cargo xtask ablation --update` writes this table: the estimator without one part of it at a time, on the same runs as with it (`tests/src/bin/ablation.rs`: clean runs and
-rigs, friction, samples, contacts and changes, three seeds that no other table has). A copy of core is edited and built (`host-tools/xtask/src/ablation/heuristics.rs`); the source of the firmware has no switch.
+Written by `cargo xtask ablation --update`. Each row compares the estimator without one part with
+the complete estimator, on the same runs: clean runs, other rigs, other friction, wrong samples,
+contacts and changes of the device (`tests/src/bin/ablation.rs`), with three seeds that no other
+table uses. For each row a copy of core is edited and built
+(`host-tools/xtask/src/ablation/heuristics.rs`); the firmware's source has no switch. The number
+before a part is its section in [THEORY](../THEORY.md). A cell is one case, motion and parameter.
+Where a column has two figures, the first is with the part, the second without it.
 
-- *error*: root mean square errors without the part over those with it, geometric mean over all cells and parameters with a value; *worst*: the cell in which they grow most.
-- *U95*: the same of the intervals. *silent*: values that are off by more than twice their interval with nothing said; *outside*: values that lie outside of their interval, whatever is said. *given*: values that are given. *broken*: clean runs whose law is called broken;
-  *named*: runs of other friction or wrong samples of which that is said.
-- *buys*: what is lost without it. Where that is nothing here, the part is a candidate to be left out, or these runs lack what it is for.
+- *error*: the rms error without the part over that with it, after a tenth of the interval is added
+  to both; the geometric mean over all cells with a value. *worst*: the largest of these ratios,
+  with its cell.
+- *U95*: the same ratio for the half widths of the intervals, with nothing added.
+- *silent*: values that are off by more than twice their interval although nothing is reported that
+  makes them doubtful. *outside*: values whose interval does not contain the true value, reported or
+  not. *given*: values that are given.
+- *broken*: clean runs whose law is reported as broken. *named*: runs with other friction or wrong
+  samples in which this is reported.
+- *contributes*: what gets worse without the part. *accuracy*: larger errors. *honesty*: more silent
+  errors, or more values outside their intervals. *sharpness*: wider intervals. *values*: fewer are
+  given. *names*: fewer faults are reported. Small changes may be chance and do not count (`WORSE`
+  and `BY_CHANCE` in `host-tools/xtask/src/ablation.rs`). *nothing in these runs*: the part may be
+  superfluous, or these runs lack the case that it is for.
 
-| without | error | worst | U95 | silent | outside | given | broken | named | buys |
+| without this part | error | worst | U95 | silent | outside | given | broken | named | contributes |
 |---|--:|---|--:|--:|--:|--:|--:|--:|---|
 ";
 
@@ -187,7 +202,9 @@ mod tests {
         let whole = cells(&line(0.5, 1.0, 3, 0, 0)).unwrap();
         let told = |other: String| super::line("x", &whole, &cells(&other).unwrap(), None).unwrap();
         let same = told(line(0.5, 1.0, 3, 0, 0));
-        assert_eq!(same, "| x | 1.00 | - | 1.00 | 0 to 0 | 0 to 0 | 3 to 3 | 0 to 0 | 0 to 0 | **nothing here** |");
+        let nothing =
+            "| x | 1.00 | - | 1.00 | 0 to 0 | 0 to 0 | 3 to 3 | 0 to 0 | 0 to 0 | **nothing in these runs** |";
+        assert_eq!(same, nothing);
         let worse = told(line(1.1, 1.5, 2, 1, 2));
         let lost = "| accuracy, honesty, sharpness, values, clean runs not called broken |";
         assert!(worse.contains("2.00 (reference, mid, mt)") && worse.ends_with(lost), "{worse}");

@@ -129,9 +129,10 @@ impl Kept {
     }
 
     fn markdown(&self) -> String {
-        let head = "# Campaigns that passed\n\nWritten by `cargo xtask chaos --keep`, which skips the campaigns in this table. To repeat one, \
-                    delete its row. *kills* and *cycles* are the sizes that were asked for, *commit* is the tree that was tried; with \
-                    `-dirty` it had changes besides.\n\n\
+        let head = "# Campaigns that passed\n\n\
+                    Written by `cargo xtask chaos --keep`, which skips the campaigns in this table. To repeat one,\n\
+                    delete its row. *kills* and *cycles* are the options of the run. *commit* is the tree that was\n\
+                    tested; `-dirty` means that it also had uncommitted changes.\n\n\
                     | campaign | seed | kills | cycles | commit | time s | figures |\n|---|--:|--:|--:|---|--:|---|\n";
         std::iter::once(head).chain(self.0.values().map(String::as_str)).collect()
     }

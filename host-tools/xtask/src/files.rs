@@ -33,7 +33,6 @@ pub struct Options {
     update: bool,
 }
 
-/// One export.
 struct Measured {
     what: &'static str,
     /// Processor time of all threads together: other work on the machine does not count.
@@ -138,7 +137,16 @@ fn processor_s(id: u32) -> Option<f64> {
 
 fn table(all: &[Measured], python_s: f64, size_mb: f64) -> String {
     let mut text = format!(
-        "# Exporting an hour at 4 kHz\n\nWritten by `cargo xtask bench-files --update`: one run, one machine, the program as it is installed. The recording has {} samples in\n{size_mb:.0} MB. `tests/python/read_recording.py` only reads it, {PYTHON_S} s of it, scaled to the hour; the others read and write.\nTime is the processor's, that of all threads together; only the ratios mean anything: the best of {PASSES} passes each, taken in turn.\nMemory is the greatest resident set (`VmHWM`, looked at every 5 ms).\n\n| command | faster than the Python reader | memory | output |\n|---|--:|--:|--:|\n",
+        "# Exporting an hour at 4 kHz\n\n\
+         Written by `cargo xtask bench-files --update` in one run on one machine, with the program as it is\n\
+         installed. The recording has {} samples in {size_mb:.0} MB. The exports read it and write a\n\
+         file; `info` only reads it. `tests/python/read_recording.py`, the Python reader, reads the first\n\
+         {PYTHON_S} s; its time is scaled to the hour.\n\n\
+         Time is the processor time of all threads together, the best of {PASSES} passes of each command,\n\
+         taken in turn. Only the ratios carry over to other machines. Memory is the largest resident set\n\
+         (`VmHWM`, read every 5 ms).\n\n\
+         | command | faster than the Python reader | memory | output |\n\
+         |---|--:|--:|--:|\n",
         DURATION_S * RATE_HZ,
     );
     for Measured { what, seconds, peak_mb, output_mb } in all {

@@ -32,13 +32,15 @@ pub fn run(options: &Options) -> Result<()> {
     let table = Table {
         name: "icount",
         title: "Instructions on the Cortex-M4F",
-        about: "Executed instructions of the QEMU image (profile `firmware`), by SysTick under `-icount`: a sample is everything from \
-                raw counts to the sums for both kernel banks (kernels, sign, gate, update, watch for changes); with the backlash, \
-                its two routes beside that. A reversal is all that the force's route spends on an accepted one. A \
-                publication solves three times, for the recent memory, its part away from rest and the whole run, gives each \
-                parameter its interval, and adds what goes with them; a solve is a third of it. \
-                The goals are read as those of the means: the most that a sample or a solve takes has none. \
-                They guard against growth; they are not cycles of a real core."
+        about: "Executed instructions of the QEMU image (profile `firmware`), counted by SysTick under `-icount`.\n\n\
+                A *sample* is everything from raw counts to the sums of both kernel banks: kernels, sign, gate,\n\
+                update and detection of changes. A *sample with backlash* also includes both routes of the backlash.\n\
+                A *reversal* is all that an accepted one takes in the route from the force. A *publication* is all\n\
+                that it adds to its sample. It solves three times, for the recent memory, its part away from rest\n\
+                and the whole run. It also gives each parameter its interval and computes the other published\n\
+                figures. A *solve with intervals* is a third of that.\n\n\
+                The goals apply to the means; the maxima have no goal. The figures guard against growth; they are\n\
+                not cycles of a real core."
             .into(),
         rows,
         repeats: true,
@@ -67,17 +69,17 @@ fn parse(printed: &str) -> Result<(Vec<Row>, f64)> {
         for (what, path, parts, goal) in [
             // Without publication.
             ("sample: mean", "step.mean", 1.0, None),
-            ("sample: most", "step.max", 1.0, None),
+            ("sample: maximum", "step.max", 1.0, None),
             // With both routes of the backlash.
             ("sample with backlash: mean", "contact.mean", 1.0, sample_goal),
-            ("sample with backlash: most", "contact.max", 1.0, None),
+            ("sample with backlash: maximum", "contact.max", 1.0, None),
             // What an accepted one costs in the force's route.
             ("reversal", "reversal", 1.0, None),
             // A publication by itself.
             ("solve with intervals: mean", "estimate.mean", SOLVES, Some(SOLVE_GOAL)),
-            ("solve with intervals: most", "estimate.max", SOLVES, None),
+            ("solve with intervals: maximum", "estimate.max", SOLVES, None),
             // What a publication adds to a sample.
-            ("publication beside its sample: mean", "solve", 1.0, None),
+            ("publication: mean", "solve", 1.0, None),
         ] {
             let name = format!("{} kHz, {what}", rate_hz / 1000.0);
             rows.push(Row { goal, ..Row::new(name, number(rate, path)? / parts, "instructions") });

@@ -112,7 +112,7 @@ enum Command {
     Merge(table::Options),
     /// How often a realistic defect makes a value wrong without a warning, against docs/tables/defects.md
     Defects(table::Options),
-    /// What each part of the estimator, or of the host's judgement, buys, against docs/tables/ablation.md
+    /// What each part of the estimator, or of the host's diagnosis, contributes, against docs/tables/ablation.md
     Ablation(ablation::Options),
     /// Recordings of real machines, and other methods compared with ours, against docs/tables/validation.md
     Validation(table::Options),

@@ -81,10 +81,11 @@ pub fn run(options: &Options) -> Result<()> {
         name: "monitor-load",
         title: "The monitor at 4 kHz",
         about: format!(
-            "`inerter monitor --record` for {:.0} min on a pseudo-terminal of 140 by 45, at a virtual device that streams every sample at \
-             4 kHz, estimates, sums and health in real time; the program as it is installed. Processor and memory are the monitor's \
-             own, from /proc. Lost samples and frames are counted in its recording. Figures of time \
-             are of one machine, shared with other work, and are not compared by `cargo xtask test`.",
+            "`inerter monitor --record` runs for {:.0} min on a pseudo-terminal of 140 by 45 characters. It is\n\
+             connected to a virtual device that streams every sample at 4 kHz, estimates, sums and health in\n\
+             real time. The program is the one that is installed. Processor time and memory are those of the\n\
+             monitor, from /proc. Lost samples and frames are counted in its recording. Figures of time are of\n\
+             one machine that also had other work, so `cargo xtask test` does not compare them.",
             options.minutes
         ),
         rows,
@@ -211,15 +212,15 @@ fn rows(looks: &[Look], info: &Value, drawn_bytes: f64) -> Result<Vec<Row>> {
     Ok(vec![
         Row::new("samples recorded", samples, ""),
         // A device that runs late would be easy to keep up with.
-        Row::new("samples missing of 4 kHz", (RATE_HZ * seconds - samples).abs().round(), "")
+        Row::new("samples too few or too many for 4 kHz", (RATE_HZ * seconds - samples).abs().round(), "")
             .at_most((RATE_HZ * 0.01 * seconds).round()),
         Row::new("samples lost", number("lost_samples")?, "").at_most(0.0),
         Row::new("discontinuities", number("discontinuities")?, "").at_most(0.0),
         Row::new("frames lost", number("lost_frames")?, "").at_most(0.0),
-        Row::new("processor, of one core", processor, "%").at_most(30.0),
-        Row::new("memory, most", most, "MB"),
-        Row::new("memory, grown after the first minute", (grown * 10.0).round() / 10.0, "MB").at_most(2.0),
-        Row::new("drawn on the terminal", drawn_bytes / 1e3 / last.at_s, "kB/s"),
+        Row::new("processor time, of one core", processor, "%").at_most(30.0),
+        Row::new("memory, maximum", most, "MB"),
+        Row::new("memory, growth after the first minute", (grown * 10.0).round() / 10.0, "MB").at_most(2.0),
+        Row::new("output to the terminal", drawn_bytes / 1e3 / last.at_s, "kB/s"),
     ])
 }
 
@@ -249,10 +250,10 @@ mod tests {
         };
         let of = |samples: u64| rows(&looks, &info(samples), 1e6).unwrap();
         let rows = of(2_000_000);
-        assert_eq!(table::missed(&rows), "frames lost, memory, grown after the first minute");
+        assert_eq!(table::missed(&rows), "frames lost, memory, growth after the first minute");
         // A device that is two percent late, and counts its samples without a gap.
-        assert!(table::missed(&of(1_960_000)).starts_with("samples missing of 4 kHz, "));
-        let processor = rows.iter().find(|row| row.name == "processor, of one core").unwrap();
+        assert!(table::missed(&of(1_960_000)).starts_with("samples too few or too many for 4 kHz, "));
+        let processor = rows.iter().find(|row| row.name == "processor time, of one core").unwrap();
         assert!((processor.value - 10.0).abs() < 1e-9);
     }
 }

@@ -173,7 +173,7 @@ pub fn run(options: &Options) -> Result<()> {
             tree::make("tests/mutants")?;
             tree::write(package.table(), record.markdown(package.name))?;
         }
-        println!("{}: {}", package.name, record.summary());
+        println!("{}: {}", package.name, record.summary().replace('\n', " "));
         let percent = record.caught(options.sample.is_some()).percent();
         if options.file.is_none() && left.is_empty() && percent < GOAL {
             missed.push(format!("{} ({percent:.1} %)", package.name));
@@ -366,14 +366,17 @@ impl Record {
             } else if let Some(name) = line.strip_prefix("### ") {
                 file = name.trim_matches('`');
             } else if let Some(change) = line.strip_prefix("- `") {
-                let (change, rest) = change.split_once('`').unwrap_or((change, ""));
+                let (change, _) = change.split_once('`').unwrap_or((change, ""));
                 let tested = record.0.entry(file.to_owned()).or_default();
                 if survivors {
-                    let reason = rest.strip_prefix(": ").unwrap_or(NO_REASON);
-                    tested.survivors.push((change.to_owned(), reason.to_owned()));
+                    tested.survivors.push((change.to_owned(), NO_REASON.to_owned()));
                 } else {
                     tested.golden.push(change.to_owned());
                 }
+            } else if let Some(reason) = line.strip_prefix("  ")
+                && let Some((_, written)) = record.0.get_mut(file).and_then(|tested| tested.survivors.last_mut())
+            {
+                reason.clone_into(written);
             } else if let Some([name, caught, _, _, sum]) = table::cells::<5>(line)
                 && let Ok(caught) = caught.parse()
             {
@@ -386,15 +389,17 @@ impl Record {
 
     fn markdown(&self, package: &str) -> String {
         let mut text = format!(
-            "# Mutants of inerter-{package}\n\nWritten by `cargo xtask mutants {package}`, which continues with the files that have no row here or have changed \
-             since. {}.\n\n| file | caught | by a golden only | survived | sum |\n|---|--:|--:|--:|---|\n",
+            "# Mutants of inerter-{package}\n\n\
+             Written by `cargo xtask mutants {package}`, which continues with the files that have no row here or\n\
+             have changed since.\n{}\n\n\
+             | file | caught | by a golden only | survived | sum |\n|---|--:|--:|--:|---|\n",
             self.summary()
         );
         for (file, Tested { sum, caught, golden, survivors }) in &self.0 {
             text += &format!("| `{file}` | {caught} | {} | {} | {sum} |\n", golden.len(), survivors.len());
         }
         let survivors = self.lists(|tested| {
-            let line = |(change, reason): &(String, String)| format!("- `{change}`: {reason}\n");
+            let line = |(change, reason): &(String, String)| format!("- `{change}`:\n  {reason}\n");
             tested.survivors.iter().map(line).collect()
         });
         text += &format!("\n## {SURVIVORS}\n{survivors}");
@@ -435,6 +440,7 @@ impl Record {
         })
     }
 
+    /// One sentence to a line.
     fn summary(&self) -> String {
         let (files, samples) = (self.caught(false), self.caught(true));
         let listed = self.0.values().flat_map(|tested| &tested.survivors);
@@ -442,14 +448,17 @@ impl Record {
         let survivors = files.all + samples.all - files.caught - samples.caught;
         let mut text = String::new();
         if files.rows > 0 {
-            text += &format!("{} files: {}, {} of them by a golden only. ", files.rows, files.words(), files.golden);
+            text +=
+                &format!("In {} files, {}, {} of them by a golden only.\n", files.rows, files.words(), files.golden);
         }
         if samples.rows > 0 {
             let [low, high] = samples.interval_percent();
-            text +=
-                &format!("A sample: {}; of all it is {low:.1} to {high:.1} % with 95 % confidence. ", samples.words());
+            text += &format!(
+                "In a sample, {}.\nOf all mutants, {low:.1} to {high:.1} % are caught, with 95 % confidence.\n",
+                samples.words()
+            );
         }
-        format!("{text}Of {survivors} survivors {reasons} have a reason")
+        format!("{text}Survivors with a reason: {reasons} of {survivors}.")
     }
 }
 
@@ -546,7 +555,7 @@ mod tests {
     fn the_summary_counts_what_survives() {
         let summary = record().summary();
         assert!(summary.contains("16 of 18 mutants are caught (88.9 %"), "{summary}");
-        assert!(summary.contains("Of 2 survivors 1 have a reason"), "{summary}");
+        assert!(summary.contains("Survivors with a reason: 1 of 2."), "{summary}");
     }
 
     /// The ends of the interval solve `(0.93 - p)^2 = 1.96^2 p (1 - p)/100`: 0.8625 and 0.9657 by bisection.
@@ -565,8 +574,8 @@ mod tests {
         record.take(&sample.name, Tested { caught: 93, ..Tested::default() }, survived);
         record.forget_all_but(&[].into());
         let summary = record.summary();
-        assert!(summary.contains("A sample: 93 of 100 mutants are caught (93.0 %"), "{summary}");
-        assert!(summary.contains("86.3 to 96.6 % with 95 %"), "{summary}");
+        assert!(summary.contains("In a sample, 93 of 100 mutants are caught (93.0 %"), "{summary}");
+        assert!(summary.contains("86.3 to 96.6 % are caught, with 95 %"), "{summary}");
         assert_eq!((record.caught(true).all, record.caught(false).all), (100, 0));
         assert_eq!(Record::parse(&record.markdown("core")), record);
     }

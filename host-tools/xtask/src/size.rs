@@ -24,7 +24,6 @@ const CCM: std::ops::Range<u64> = 0x1000_0000..0x1000_8000;
 struct Sizes {
     /// Code and vector table.
     text: u64,
-    /// Constants.
     rodata: u64,
     /// Variables with a value at the start: in flash and in RAM.
     data: u64,
@@ -65,14 +64,16 @@ pub fn run(options: &Options) -> Result<()> {
     let table = Table {
         name: "size",
         title: "Size and load of the images",
-        about: "The board's image as it ships (`cargo build --release` in firmware/stm32g474) and QEMU's (profile `firmware`): flash is text, \
-                constants and start values; RAM is start values and zeroed variables. The worst stack is what is found \
-                overwritten of the painted stack after the image has served on the twin with every stream on; \
-                the load counts instructions on the twin in the same time, of 168 million cycles a second, and bounds of the cycles \
-                that they take on the chip (docs/ARCHITECTURE.md, The twin). \
-                The estimator's share counts functions of `inerter-core` that were not inlined elsewhere. \
-                The goal of 56 KB is read as RAM without stack. What the image takes with the worst stack stands in a row of its \
-                own, without a goal, of the 96 KB that it is linked for."
+        about: "The board's image is measured as it ships (`cargo build --release` in firmware/stm32g474), QEMU's in\n\
+                the profile `firmware`. Flash is code, constants and start values; RAM is start values and zeroed\n\
+                variables. The estimator's code is that of the functions of `inerter-core` that were not inlined\n\
+                elsewhere.\n\n\
+                The twin runs the board's image with every stream on. The worst stack is the part of the painted\n\
+                stack that was overwritten during this run. The load is the number of instructions per second in the\n\
+                same run. *optimistic* and *pessimistic* are bounds of the cycles that these instructions take on\n\
+                the chip, of 168 million cycles per second (docs/ARCHITECTURE.md, The twin).\n\n\
+                The goal of 56 KB applies to RAM without stack. A separate row without a goal gives the RAM\n\
+                including the worst stack, of the 96 KB for which the image is linked."
             .into(),
         rows,
         repeats: true,

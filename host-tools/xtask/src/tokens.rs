@@ -26,8 +26,11 @@ pub fn run(update: bool) -> Result<()> {
     let files: Vec<PathBuf> = copy::files(&["*.rs"])?.into_iter().map(|file| tree::root().join(file)).collect();
     let counts = counted(&members, &files)?;
     let mut text = format!(
-        "# Rust tokens of each crate\n\nIdentifiers, literals, punctuation marks and delimiters, without comments. Tests: files below the crate's \
-         `tests`, and what is compiled for tests only.\n\nWritten by `cargo xtask cost --tokens --update`, of commit {}.\n\n| crate | code | tests |\n|---|--:|--:|\n",
+        "# Rust tokens of each crate\n\n\
+         Tokens are identifiers, literals, punctuation marks and delimiters, without comments. Tests are the\n\
+         files below the crate's `tests`, and what is compiled for tests only.\n\n\
+         Written by `cargo xtask cost --tokens --update`, of commit {}.\n\n\
+         | crate | code | tests |\n|---|--:|--:|\n",
         commit()
     );
     let total = counts.values().fold([0_usize; 2], |sum, count| [sum[0] + count[0], sum[1] + count[1]]);

@@ -255,7 +255,7 @@ impl Method for Ours {
     }
 
     fn remark(&self) -> String {
-        "with whole-run sums; held at rest".into()
+        "with whole-run sums; no update at rest".into()
     }
 }
 

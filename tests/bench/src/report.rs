@@ -26,12 +26,12 @@ pub struct Report<'a> {
 }
 
 const INTRODUCTION: &str = "
-# What each can and cannot report
+## What each method can and cannot report
 
-Each method gets the same regressors of the simulated device, made by one kernel in f64, and starts with the variance
-above. `RlsParallel` is there twice, as it comes, and set so that it does best in most of what follows; its covariance
-is not kept symmetric. Of our update alone nothing but values is asked: intervals, gates and states are the
-instrument's.
+Each method gets the same regressors of the simulated device, which one kernel computes in f64, and
+starts with the variance above. `RlsParallel` appears twice: with its defaults, and tuned for most
+of what follows. The crate does not keep its covariance symmetric. For our update alone only values
+are listed; intervals, gates and statuses are those of the instrument.
 ";
 
 const INSTRUMENT: &str = "ours: the whole instrument from raw samples (`Active`)";
@@ -46,13 +46,15 @@ impl Report<'_> {
     fn terminal(&self) -> String {
         let mut text = format!(
             "
-## Backlash with a terminal sensor
+### Backlash with a terminal sensor
 
-`x1 - x2 = F/ks - (cs/ks^2) F' + chi eps/2 + c` for four unknowns, of the device with {:.0} um of backlash and ks
-2.1e6 N/m: {DURATION_S} s at 1 kHz, 1 N, encoder 2.44 um, terminal 1 um; nothing is forgotten. Errors of eps and ks, the
-worst of {SEEDS} runs, in brackets the mean half width of eps's 95 % interval: on all samples, as a user has them, and
-behind a gate that knows every flight and leaves it and 4 ms beside it out. The instrument has a gate of its own. The
-law is one of first order in `w cs/ks`, which costs 0.2 % of ks at 13 Hz.
+`x1 - x2 = F/ks - (cs/ks^2) F' + chi eps/2 + c` is fitted for four unknowns. The device has {:.0} um
+of backlash and a ks of 2.1e6 N/m. The runs have {DURATION_S} s at 1 kHz, 1 N of noise, encoder
+steps of 2.44 um and 1 um of noise at the terminal; there is no forgetting. Each cell has the errors
+of eps and ks, each the worst of {SEEDS} runs, and in brackets the mean half width of the 95 %
+interval of eps. *all samples*: as a user has them. *gated*: behind an ideal gate that removes every
+flight and 4 ms on either side. The instrument has a gate of its own. The law is of first order in
+`w cs/ks`, which costs 0.2 % of ks at 13 Hz.
 
 | method | mid, all samples | mid, gated | random, all samples | random, gated |
 |---|---|---|---|---|
@@ -96,13 +98,14 @@ law is one of first order in `w cs/ks`, which costs 0.2 % of ks at 13 Hz.
     fn force_alone(&self) -> String {
         let mut text = format!(
             "
-## Backlash from the force alone
+### Backlash from the force alone
 
-The same runs without the terminal sensor, and those of the device without backlash; ks is a setting. A filter is
-asked with one `phi` a sample for a fixed list of unknowns; without x1 the backlash shows only as a step in an unknown
-polynomial, a new one at each reversal, and there is no `phi` for it. Value and interval, the worst of {SEEDS} runs.
+The same runs without the terminal sensor, and those of the device without backlash; ks is a
+setting. A filter takes one regressor vector `phi` per sample for a fixed list of unknowns. Without
+x1 the backlash is only a step in an unknown polynomial, a new one at each reversal, so no `phi`
+describes it. Each cell has value and interval of the worst of {SEEDS} runs.
 
-| method | mid, 100 um | mid, none | random, 100 um | random, none |
+| method | mid, 100 um | mid, no backlash | random, 100 um | random, no backlash |
 |---|---|---|---|---|
 "
         );
@@ -124,22 +127,29 @@ polynomial, a new one at each reversal, and there is no `phi` for it. Value and 
             }
         }
         text += &line(&cells);
-        text + &line(&["every other", "no such unknown", "", "no such unknown", ""])
+        text + &line(&["all other methods", "no such unknown", "", "no such unknown", ""])
     }
 
     fn intervals(&self) -> String {
         let mut text = format!(
             "
-## Honest intervals
+### Coverage of the intervals
 
-Part of {INTERVAL_SEEDS} runs of {DURATION_S} s whose 95 % interval holds the truth, of mt, cf and fc; a covariance
-offers `1.96 sqrt(s^2 P_ii)` with the residual's variance `s^2`. *white*: the law with independent noise, to show that
-the formula is used as it is meant. *every*: an update at each sample, as their users have it, where the kernel has made
-one noise of many samples. *thinned*: one update in {THIN}, the length of that correlation, for those who know it.
-*width*: the mean half width in `random`, over 1.96 times the rms error; 1 is ideal, less is too sure, more is too
-careful; *P < 0*: the covariance has lost its positive diagonal. The rivals are given the true sign of the velocity
-and a gate that knows all sticking; the instrument finds both. Its interval holds a systematic part, 5 % of fc, which
-this device does not need: thinned, a covariance is the narrower one.
+Each cell has the percentages of {INTERVAL_SEEDS} runs of {DURATION_S} s whose 95 % interval
+contains the true value, for mt, cf and fc. The interval of a covariance is `1.96 sqrt(s^2 P_ii)`
+with the residual's variance `s^2`.
+
+- *white*: the law with independent noise, to show that the formula is used as intended.
+- *every*: an update at each sample, as users run them, although the kernel correlates the noise of
+  neighbouring samples.
+- *thinned*: one update in {THIN}, the length of that correlation, for users who know it.
+- *width*: the mean half width in `random` over 1.96 times the rms error: 1 is ideal, below 1 too
+  narrow, above 1 too wide.
+- *P < 0*: the covariance has lost its positive diagonal.
+
+The rivals are given the true sign of the velocity and an ideal gate for sticking; the instrument
+finds both itself. Its interval includes a systematic part, 5 % of fc, which this device does not
+need. So the interval of a thinned covariance is narrower.
 
 | method | white | random, every | width | mid, every | random, thinned | width | mid, thinned |
 |---|---|---|---|---|---|---|---|
@@ -186,13 +196,14 @@ this device does not need: thinned, a covariance is the narrower one.
     fn change(&self) -> String {
         let mut text = format!(
             "
-## A change of the device
+### A change of the device
 
-mt grows by {:.0} % after {CHANGE_S} s at 3.2 Hz: time until the estimate stays within 1 % of the new value, the
-longest of {SEEDS} runs, with the forgetting of the first table (a memory of 1 s) and with a memory of 30 s, our
-default. A short memory follows by itself; a long one must be told.
+mt grows by {:.0} % after {CHANGE_S} s at 3.2 Hz. Each cell has the time until the estimate stays
+within 1 % of the new value, the longest of {SEEDS} runs: with the forgetting of the first table (a
+memory of 1 s), and with a memory of 30 s, our default. An estimate with a short memory follows the
+change by itself; with a long memory the change must be detected.
 
-| method | memory 1 s | memory 30 s | announced |
+| method | memory 1 s | memory 30 s | change reported |
 |---|--:|--:|---|
 ",
             100.0 * (CHANGE - 1.0)
@@ -235,14 +246,15 @@ default. A short memory follows by itself; a long one must be told.
         let [short_s, long_s] = SLOW_S;
         let mut text = format!(
             "
-## Inertance at 0.053 Hz
+### Inertance at 0.053 Hz
 
-{truth:.2} kg moved by `slow`, whose acceleration is at most 1.7 mm/s^2 after the start, and in which the screw sticks
-at every turn: rms error, mean half width of the 95 % interval, and how many of {SEEDS} runs it holds in; an update
-every {SLOW_STEP} ms, on all samples, as a user has them, and behind a gate that knows all sticking. *no value*: the
-unknowns cannot be told apart.
+`slow` moves a device of {truth:.2} kg. Its acceleration is at most 1.7 mm/s^2 after the start, and
+the screw sticks at every reversal. Each cell has the rms error, the mean half width of the 95 %
+interval, and the number of the {SEEDS} runs whose interval contains the true value. An update comes
+every {SLOW_STEP} ms. *all*: all samples, as a user has them. *gated*: behind an ideal gate that
+removes all sticking. *no value*: the motion cannot separate the unknowns.
 
-| method | {short_s} s, all | {short_s} s, gated | {long_s} s, all | {long_s} s, gated | status of its own |
+| method | {short_s} s, all | {short_s} s, gated | {long_s} s, all | {long_s} s, gated | reports a status |
 |---|---|---|---|---|---|
 "
         );
@@ -354,7 +366,7 @@ fn backlash(backlash: &Backlash) -> String {
     let text = |Interval { value, u95 }: Interval| format!("{:.2} +- {:.2} um", 1e6 * value, 1e6 * u95);
     match backlash.size {
         BacklashSize::NotIdentifiable(reason) => words(reason).into(),
-        BacklashSize::BelowU95(interval) => format!("{}, below its interval", text(interval)),
+        BacklashSize::BelowU95(interval) => format!("{}, smaller than its interval", text(interval)),
         BacklashSize::Ok(interval) => text(interval),
     }
 }

@@ -86,15 +86,17 @@ pub fn markdown(lines: &[Line], without_python: Option<&str>) -> String {
     let [mass, viscous, coulomb, _] = TRUTH;
     let mut text = format!(
         "# Our update beside other recursive least squares\n\n\
-         Speed first, then what each method can and cannot report.\n\n\
+         Written by `cargo xtask bench --update` in one run on one machine. The first section compares the\n\
+         time of an update, and the values after a rest. The second shows what each method can and cannot\n\
+         report.\n\n\
          ## Time of an update, and rest\n\n\
-         Written by `cargo xtask bench --update`: one run, one machine, the same regressors `[a, v, sgn v, 1]` and\n\
-         force for every line but the second. The machine: {mass} kg, {viscous} N s/m, {coulomb} N, moved like the\n\
-         EMPS axis for {:.0} s at 1 kHz with 50 nm counts and {FORCE_NOISE_N} N of noise, then {:.0} minutes at rest with\n\
-         one-count flicker. Forgetting {FORGETTING} per update, initial variance {VARIANCE:.0e}. Times are the best\n\
-         of several passes on a desktop processor, and only their ratio to our update means anything; for instructions\n\
-         on the Cortex-M4F see [icount.md](icount.md). A covariance method yields parameters at every update; ours\n\
-         yields averages, solved at 5 Hz.\n\n\
+         All lines but the second get the same regressors `[a, v, sgn v, 1]` and force. The machine has\n\
+         {mass} kg, {viscous} N s/m and {coulomb} N. It moves like the EMPS axis for {:.0} s at 1 kHz, with\n\
+         counts of 50 nm and {FORCE_NOISE_N} N of noise. Then it rests for {:.0} minutes with one-count\n\
+         flicker. Forgetting is {FORGETTING} per update, the initial variance {VARIANCE:.0e}. Times are the\n\
+         best of several passes on a desktop processor, and only their ratio to our update carries over to\n\
+         other machines. Instructions on the Cortex-M4F are in [icount.md](icount.md). A covariance method\n\
+         yields parameters at every update; ours yields averages, which are solved at 5 Hz.\n\n\
          | method | arithmetic | time per update | mt, cf, fc after motion: error | mt, cf, fc after rest | remark |\n\
          |---|---|--:|---|---|---|\n",
         2.0 * STROKES as f64 * STAGES.iter().map(|stage| stage.1).sum::<f64>(),

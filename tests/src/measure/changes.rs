@@ -45,15 +45,20 @@ pub fn measure(asked: Asked) -> Measured {
     let mut text = format!(
         "# Changes of the device
 
-How soon a change of the simulated device is found while it moves, the rigs and motions of [accuracy](accuracy.md), and how
-often one is found in {:.0} minutes of steady motion without any. The device changes after 10 s of motion, `slow` after 60 s.
-Times are the longest of {SEEDS} runs, in seconds; `2/4`: found in two of four within 10 s, 60 s for `slow`; `-`: in none, and the
-memory follows slowly instead. The parameter named is not always the one that changed
-(`*`): until more of the motion has been seen, viscous friction may be taken for Coulomb friction.
+How soon the estimator finds a change of the simulated device while it moves, and how many changes
+it reports falsely in {:.0} minutes of steady motion. Rigs and motions are those of
+[accuracy](accuracy.md). The device changes after 10 s of motion, in `slow` after 60 s.
 
-Written by `cargo xtask changes --update`. `cargo xtask changes`, part of `cargo xtask test --full`, measures anew, and fails where a
-figure left the table, where anything is found in steady motion, or where a step at 3.2 Hz and 1 N takes longer than 2 s;
-`--short`, part of `cargo xtask test`, does so for the first rig and the device without backlash.
+- Times are the longest of {SEEDS} runs, in seconds.
+- `2/4`: the change is found in two of four runs, within 10 s (60 s in `slow`). `-`: it is found in
+  none, and the estimate follows it slowly as the memory forgets.
+- `*`: in some run another parameter is named than the one that changed. Until the estimator has
+  seen more of the motion, it may take viscous friction for Coulomb friction.
+
+Written by `cargo xtask changes --update`. `cargo xtask changes`, part of `cargo xtask test --full`,
+measures again. It fails if a figure differs from the table, if a change is found before it happens
+or in steady motion, or if a step at 3.2 Hz and 1 N is not found within 2 s in all runs. `--short`,
+part of `cargo xtask test`, does the same for the first rig and the device without backlash.
 ",
         STEADY_S / 60.0
     );

@@ -39,7 +39,8 @@ fn benches() -> impl Iterator<Item = Bench> {
     let [first, others @ ..] = grid::benches(sensors());
     let (_, paper, sensors) = first;
     let clock = Sensors { sample_rate_hz: 1000.01, ..sensors };
-    let all = [first, ("the same, its clock 10 ppm faster than the shaker's", paper, clock)].into_iter().chain(others);
+    let all =
+        [first, ("the same, with a clock 10 ppm faster than the shaker's", paper, clock)].into_iter().chain(others);
     all.map(|(name, device, sensors)| Bench { name, device, sensors, wrong: &[] })
 }
 
@@ -48,11 +49,16 @@ pub fn measure(asked: Asked) -> Measured {
     let mut text = format!(
         "# Coverage
 
-`cargo xtask coverage --update` writes this table. It shows how sharp `U95` over the whole run is, and how often it holds, when everything that the settings
-state is exactly true: {} runs of each motion of [accuracy](accuracy.md), seeds from {} on.
+`cargo xtask coverage --update` writes this table. It shows how wide the interval `U95` over the
+whole run is, and how often it contains the true value, if everything that the settings state is
+exactly true. Each motion of [accuracy](accuracy.md) has {} runs, with seeds from {} on.
 
-- *rms*: root mean square of the error over `U95`. An interval that is right has 0.51; {} to {} is wanted. *covered*: runs whose interval holds the truth.
-- A cell is bold where less than 95 % are covered beyond chance (1 in 10 000), or the rms lies outside beyond chance. *broken*: runs in which the law is called broken in the end.
+- *rms*: root mean square of the error over `U95`. An exact 95 % interval has 0.51. The goal is {}
+  to {}.
+- *covered*: percentage of the runs whose interval contains the true value. The goal is 95 % or
+  more.
+- *broken*: runs in which the law is called broken at the end. The other columns leave them out.
+- A cell is bold if it misses a goal by more than chance explains (1 in 10 000).
 ",
         SEEDS.count(),
         SEEDS.start,
@@ -79,7 +85,12 @@ state is exactly true: {} runs of each motion of [accuracy](accuracy.md), seeds 
             }
         }
     }
-    text += &format!("\n{right} of {all} cells are right. In {blunt} more than 95 % are covered beyond chance.\n");
+    text += &format!(
+        "
+{right} of {all} cells are not bold. In {blunt} cells the coverage is above 95 % by more than
+chance explains.
+"
+    );
     text += &tones()?;
     text += &contacts()?;
     text += &stated()?;
@@ -94,8 +105,14 @@ fn tones() -> Result<String> {
         "
 ## Tones of a whole number of samples
 
-The first bench, {} runs of each tone with amplitudes within 15 % of the speed's, seeds from {} on. The shaker's clock is the instrument's own, so that each period reads the same counts, or the instrument's is 10 ppm faster. *rms* is
-that of the error over `U95`, *%* the runs whose interval holds the truth.
+Each tone has {} runs of the first bench, with seeds from {} on. The amplitudes lie within 15 %
+of the one that gives the speed in the table.
+
+- *clock*: with `shared` the shaker runs on the instrument's clock, so each period reads the same
+  counts. With `10 ppm` the instrument's clock is faster by this.
+- *rms*: of the error over `U95`.
+- *%*: percentage of the runs whose interval contains the true value. It is bold where it is below
+  95 % by more than chance explains.
 
 | Hz | mm/s | clock | mt: U95 kg | rms | % | cf: U95 N s/m | rms | % | fc: U95 N | rms | % |
 |--:|--:|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|
@@ -105,7 +122,7 @@ that of the error over `U95`, *%* the runs whose interval holds the truth.
     );
     for hz in [2.0, 5.0, 8.0, 10.0, 12.5] {
         for mm_per_s in [30.0, 80.0] {
-            for (clock, ppm) in [("its own", 0.0), ("10 ppm", 10.0)] {
+            for (clock, ppm) in [("shared", 0.0), ("10 ppm", 10.0)] {
                 eprintln!("tone: {hz} Hz, {mm_per_s} mm/s, {clock}");
                 let sample_rate_hz = sensors().sample_rate_hz * (1.0 + 1e-6 * ppm);
                 let sensors = Sensors { sample_rate_hz, ..sensors() };
@@ -130,8 +147,10 @@ fn contacts() -> Result<String> {
         "
 ## Contact
 
-Backlash by the force alone, with a stiffness that is known to 0.1 %; and by the terminal's sensor, with stiffness and damping: {} runs of each motion, seeds from {} on, all else that the settings state true to the last
-digit. U95 of a backlash in um, the others in per cent. Runs without a value are not counted.
+Backlash by the force alone, with the stiffness known to 0.1 %, and by the terminal's sensor, which
+also gives stiffness and damping. Each cell has {} runs, with seeds from {} on. Everything else
+that the settings state is exactly true. U95 is in um for a backlash, and in per cent otherwise.
+Runs without a value are not counted.
 ",
         CONTACT.count(),
         CONTACT.start
@@ -169,7 +188,10 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
     }
     let count = |which: &dyn Fn(&Column) -> bool| all.iter().filter(|column| which(column)).count();
     text += &format!(
-        "\nIn {} cells at least {:.1} % are covered. The rms is over {} in {} of them, and under {} in {}.\n",
+        "
+In each of {} cells the coverage is at least {:.1} %. The rms is over {} in {} of them, and under
+{} in {}.
+",
         all.len(),
         all.iter().map(covered_percent).fold(f64::INFINITY, f64::min),
         RIGHT.end(),
@@ -185,10 +207,13 @@ fn stated() -> Result<String> {
     let chance = 196.0 * (0.95 * 0.05 / SEEDS.count() as f64).sqrt();
     let mut text = format!(
         "
-## Settings that are wrong by what they state
+## Settings that are wrong by their stated uncertainty
 
-Monte Carlo after JCGM 101: in each of {} runs of the first bench the settings are wrong by a normal error of the size that they state, one source at a time, then all. Stated as 95 % are 0.5 % of
-the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 kg of the structure's 1.5, 20 % of the contact's stiffness. 95 % of so many runs are {:.1} to {:.1} % by chance.
+A Monte Carlo simulation after JCGM 101. In each of {} runs of the first bench, settings have
+normal errors of the size that they state: one source at a time, then all of them. The stated half
+widths (95 %) are 0.5 % of the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of
+skew, 0.1 kg of the structure's 1.5, and 20 % of the contact's stiffness. With so many runs, the
+coverage of an exact interval lies between {:.1} and {:.1} % by chance.
 
 | wrong | motion | broken | mt: U95 | rms | covered % | cf: U95 | rms | covered % | fc: U95 | rms | covered % |
 |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|
@@ -212,12 +237,15 @@ the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 k
             text += &sheet::row(&[name, motion.name, &broken], figures);
         }
     }
-    for (wrong, mut covered) in [("By single sources", by_one), ("With all together", by_all)] {
+    for (wrong, mut covered) in [("With one source wrong", by_one), ("With all sources wrong", by_all)] {
         covered.sort_by(f64::total_cmp);
         let under = covered.partition_point(|one| one < HELD.start());
         let over = covered.len() - covered.partition_point(|one| one <= HELD.end());
         text += &format!(
-            "\n{wrong} {} of {} cells are within {} to {} %, {under} under and {over} over it: {:.1} to {:.1} %.\n",
+            "
+{wrong}, {} of {} cells have a coverage of {} to {} %, {under} have less and {over} have more.
+The range is {:.1} to {:.1} %.
+",
             covered.len() - under - over,
             covered.len(),
             HELD.start(),
@@ -295,10 +323,17 @@ fn frontier(update: bool) -> Result<String> {
         "
 ## Frontier
 
-A cause that the law does not model can move a parameter by any amount; the run estimates that amount with a random error. Errors are normal, {DRAWN} draws a size; [a figure](frontier.svg). *held*: least part of the truths that the
-interval holds, over all sizes; *width*: its mean where there is no such cause, over that of the law's own. *replay*: the interval of `replay`; *beside*: the law fitted with the cause beside it, which is unbiased.
+A cause that the law does not model can move a parameter by any amount. The run estimates that
+amount with a random error. This simulation has normal errors, {DRAWN} draws for each size of the
+cause. [A figure](frontier.svg) shows the result.
 
-| the standard error grows by | law alone: held % | replay: held % | width | beside: held % | width |
+- *growth*: factor by which the standard error grows if the cause is fitted together with the law.
+- *law alone*: the interval of the law without the cause. *replay*: the interval of `replay`.
+  *law with cause*: the interval of both fitted together, which is unbiased.
+- *covered*: the lowest coverage over all sizes of the cause.
+- *width*: mean width if there is no such cause, relative to that of the law alone.
+
+| growth | law alone: covered % | replay: covered % | width | law with cause: covered % | width |
 |--:|--:|--:|--:|--:|--:|
 "
     );
@@ -340,14 +375,15 @@ fn frontier_figure(draws: &Draws) -> Figure {
     }
     Figure {
         name: "frontier",
-        title: "Sharpness against safety, by how much the standard error grows".into(),
+        title: "Coverage over width, by the growth of the standard error".into(),
         caption: format!(
-            "One line for each growth of the standard error with the cause beside the law; along it, the interval's part for the cause \
-             grows from none to one and a half times that of replay, which is the point. Beyond {TOLD} times replay names the cause instead"
+            "Each line is for one growth of the standard error if the cause is fitted together with the law. Along it, the share \
+             of the interval for the cause grows from zero to one and a half times that of replay. The point marks the share of \
+             replay. If the growth exceeds {TOLD}, replay lists the assumption instead"
         ),
         panels: vec![Panel {
-            x: Axis::log("width without the cause, of the law's own").within(0.97, 6.5),
-            y: Axis::new("held at the worst size [%]").within(0.0, 101.0),
+            x: Axis::log("width without the cause, relative to the law alone").within(0.97, 6.5),
+            y: Axis::new("coverage at the worst size [%]").within(0.0, 101.0),
             height_px: 320,
             layers,
         }],
@@ -364,12 +400,24 @@ fn nearly(update: bool) -> Result<String> {
         "
 ## A law that is nearly true
 
-The first bench with one violation of the law, {} runs of each size, seeds from {} on; [a figure](../coverage.svg). *size*: the intended shift of the parameter that it moves most, in half widths of that parameter's interval
-without the violation; *in U95*: what the size in the next column does move it by. A row is missing where no size does so much, within a third; where the greatest that is sought does less, it is the last. *left*: part of the square of what the violation adds to the force that the law's four regressors leave over, by the plant's truth, as in
-[causes](diagnose.md). *told*: runs in which the law is called broken, or a cause is named unasked, or friction is
-called presliding or Stribeck's. The others are silent. Of these, each cell gives two percentages: truths that the device's interval holds, and truths that the interval of `replay` holds, which looks at the samples as well
-(`uncertainty`, [THEORY](../THEORY.md), 14). An asterisk: the motion does not tell the violation from the parameter, and `replay` says that the parameter rests on its absence (`assumes`).
-*error/U95*: root mean square, by `replay`'s interval. A skew as large as it is stated is among the settings that are wrong, above.
+The first bench with one violation of the law. Each size has {} runs, with seeds from {} on.
+[A figure](../coverage.svg) shows the coverage.
+
+- *intended*: the intended shift of the parameter that the violation moves most, in half widths of
+  that parameter's interval without the violation. *in U95*: the shift that the size in the next
+  column causes. A row is left out if no size causes the intended shift to within a third. If even
+  the largest size searched causes less, that size is the last row.
+- *left*: the fraction of the mean square of the force added by the violation that the law's four
+  regressors cannot explain, from the plant's true values, as in [causes](diagnose.md).
+- *reported*: runs in which the law is called broken, a cause is named without being asked for, or
+  friction is called presliding or Stribeck. The other runs are silent.
+- *covered*: coverage in the silent runs, first of the device's interval, then of the interval of
+  `replay`, which also uses the samples (`uncertainty`, [THEORY](../THEORY.md), 14). An asterisk: in
+  most silent runs `replay` reports that the parameter assumes the absence of the violation
+  (`assumes`), because the motion cannot distinguish the two.
+- *error/U95*: root mean square for mt, cf and fc, with the interval of `replay`.
+
+A skew that is wrong by its stated uncertainty is among the wrong settings above.
 {sections}",
         NEARLY.count(),
         NEARLY.start

@@ -36,7 +36,7 @@ pub fn measure(asked: Asked) -> Measured {
     for kind in kinds::all() {
         let runs = runs(Some(kind), SEEDS)?;
         let silent = runs.iter().filter(|said| verdict(&said.replay, 1.0) == Verdict::Silent).count();
-        eprintln!("{}: {silent} of {} wrong without a word", kind.name, runs.len());
+        eprintln!("{}: {silent} of {} wrong without a message", kind.name, runs.len());
         found.push((kind, runs));
     }
     let of_group = |group: Group| found.iter().filter(move |(kind, _)| kind.group == group);
@@ -45,7 +45,7 @@ pub fn measure(asked: Asked) -> Measured {
     let defects: Vec<(&Said, &Said)> = pairs(Group::Defect).collect();
     let of_plant = |second: bool| Tally::of(defects.iter().copied().filter(|(said, _)| said.by_second == second));
     let mut text = head(of_group(Group::Defect).count());
-    text += "\n## Together\n\n| runs | n | harmful | wrong: told | assumed | silent | silent % | device alone: silent % | beyond twice: silent % | device alone % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
+    text += "\n## Together\n\n| runs | n | harmful | wrong: reported | assumed | silent | silent % | device alone: silent % | beyond twice: silent % | device alone % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
     for (name, all) in [
         ("defects", Tally::of(defects.iter().copied())),
         ("defects, first plant", of_plant(false)),
@@ -61,7 +61,7 @@ pub fn measure(asked: Asked) -> Measured {
     text += &clean_figures(clean);
     for (group, name) in [(Group::Defect, "Kinds"), (Group::Scale, "Wrong scales")] {
         text += &format!(
-            "\n## {name}\n\n| kind | n | harmful | wrong: told | assumed | silent | beyond twice | {} |\n|---|--:|--:|--:|--:|--:|--:|{}\n",
+            "\n## {name}\n\n| kind | n | harmful | wrong: reported | assumed | silent | beyond twice | {} |\n|---|--:|--:|--:|--:|--:|--:|{}\n",
             MOTIONS.join(" | "),
             "--:|".repeat(MOTIONS.len())
         );
@@ -92,20 +92,37 @@ fn head(kinds: usize) -> String {
     format!(
         "# Defects
 
-`cargo xtask defects --update` writes this table and [roc.svg](../roc.svg). {kinds} kinds of realistic defects of device, force, encoder and sampling, in {} motions of {SEEDS} seeds
-each, from {} on. Device, motion, rig and the size of the defect are drawn anew in each run; half of the runs that both can make come from a second plant (`tests/src/defects`).
-Its clean runs of other seeds have set three rules about reversals and stops; else none of it has set a constant of the estimator. What `replay` looks for in the samples has the shapes of these kinds, and their sizes were looked at on seed 1 ([THEORY](../THEORY.md), 17). Seeds 1 to {DEVELOPMENT} were looked at while defects and judge were written.
-The settings state no uncertainty of the rig and do not mention the defect.
+`cargo xtask defects --update` writes this table and [roc.svg](../roc.svg). They cover {kinds} kinds
+of realistic defects of device, force, encoder and sampling, in {} motions with {SEEDS} seeds each
+(from {} on). Device, motion, rig and the size of the defect are drawn anew in each run. Of the
+runs that both plants can simulate, half come from the second one (`tests/src/defects`). The
+settings state no uncertainty of the rig and do not mention the defect.
 
-- *wrong*: a value of mt, cf or fc over the whole run is given whose interval, by `inerter replay`, does not hold the truth. If the defect changes a parameter during the run, every value that the
+Clean runs of other seeds set three rules about reversals and stops. What `replay` looks for in the
+samples has the shapes of these kinds, and their sizes were looked at on seed 1
+([THEORY](../THEORY.md), 17). Nothing else here has set a constant of the estimator. Seeds 1 to {DEVELOPMENT}
+were looked at while the defects and the code that judges them were written.
+
+- *wrong*: `inerter replay` gives a value of mt, cf or fc over the whole run whose interval does not
+  contain the true value. If the defect changes a parameter during the run, every value that the
   parameter takes counts as true.
-- *told*: each wrong parameter is reported: the law is called broken; presliding or Stribeck friction, or a cause that moves this parameter, is named; a warning names the defect
-  (`clipped_force` for a force that is not clipped does not count); `moved_by` names it. *assumed*: for some of them the only report is that they assume the absence of this defect
-  (`assumes`), as in any run of such a motion. *silent*: at least one is not reported at all (`tests/src/defects/judge.rs`).
-- *harmful*: the fit, given or not, is off by more than twice the interval that the same run has without the defect.
-- *beyond twice*: the same where a value is wrong that is off by more than twice its interval. 5 % of right values lie beyond their interval by chance, of three parameters in up to 14 % of
-  the runs; beyond twice, 1 in 10 000. So the row of clean runs shows what chance alone puts into each column.
-- *wrong scales* are a separate group: the samples are exactly those of another device, so they cannot reveal the error. Only a stated uncertainty (such as `force_gain_u95`) covers it.
+- *reported*: each wrong parameter has a message that concerns it: the law is called broken; a cause
+  or a friction regime (presliding, Stribeck) is named that moves this parameter; a warning names
+  the defect (`clipped_force` for a force that is not clipped does not count); or `moved_by` names
+  the defect.
+- *assumed*: for at least one wrong parameter the only message is that it assumes the absence of
+  this defect (`assumes`). Any run of such a motion has that message.
+- *silent*: at least one wrong parameter has no message that concerns it
+  (`tests/src/defects/judge.rs`). The tables by kind end with the silent runs of each motion.
+  *device alone*: silent by the device's own intervals and messages.
+- *harmful*: a fitted value, given or not, is off by more than twice the interval that the same run
+  has without the defect.
+- *beyond twice*: silent, but only values count that are off by more than twice their interval. By
+  chance, 5 % of right values lie outside their interval, so up to 14 % of the runs have one among
+  three parameters. Beyond twice the interval it is 1 in 10 000. The row of clean runs therefore
+  shows what chance alone contributes to each column.
+- *wrong scales* are a separate group. Their samples are exactly those of another device, so they
+  cannot reveal the error. Only a stated uncertainty (such as `force_gain_u95`) covers it.
 ",
         MOTIONS.len(),
         DEVELOPMENT + 1,
@@ -124,9 +141,11 @@ fn clean_figures(clean: &[Said]) -> String {
         "
 ## Clean runs
 
-| clean runs | called broken | any word |
+| clean runs | called broken | other message |
 |---|--:|--:|
 | {} | {broken} | {words} |
+
+*other message*: a warning, a cause, a change, or friction called presliding or Stribeck.
 
 Called broken, by motion: {}.
 ",
@@ -154,7 +173,7 @@ fn characteristic(clean: &[&Said], harmful: &[&Said]) -> String {
     };
     svg(&[
         curve("law: broken", "#1b6ca8", &law),
-        curve("residual alone, whatever the flanks", "#999", &|said| said.misfit),
-        curve("any word", "#c0392b", &any),
+        curve("residual alone, even where flanks may part", "#999", &|said| said.misfit),
+        curve("any message", "#c0392b", &any),
     ])
 }

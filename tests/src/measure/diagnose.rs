@@ -160,13 +160,24 @@ pub fn measure(_: Asked) -> Measured {
     let mut text = format!(
         "# Causes
 
-`cargo xtask diagnose --update` writes this table. Each run breaks the law of the reference device in
-one way at 1 kHz with 1 N of noise, the seeds {} to {} of each motion; `inerter diagnose` is told nothing of it. *First*: the cause is named
-before any other. *Sized*: and its size is right to {:.0} %. *Other*: another is named first; *none*: nothing is named.
+`cargo xtask diagnose --update` writes this table. Each run breaks the law of the reference device
+in one way, at 1 kHz with 1 N of noise, with seeds {} to {} of each motion. `inerter diagnose` gets
+no information about the fault.
 
-How much of the fault the motion can show is computed from the plant's truth, independently of any method (`tests/src/identified.rs`): the part of the square of what the fault adds
-to the force that the law's four regressors leave over, where the screw moves; and its size in standard deviations of an estimate that knows everything else, limited by the force's noise and the encoder's steps (which a
-motion that repeats itself repeats). *Enough*: 0.5 % are left over, and the size could be told to 10 % in 95 % of the runs (19.6 sigma).
+- *first*: runs in which its cause is named before any other. *sized*: those of them in which its
+  size is also right to {:.0} %.
+- *other*: runs in which another cause is named first. *none*: runs in which no cause is named.
+
+The table also states how much of the fault the motion can show. This is computed from the plant's
+true values, independently of any method (`tests/src/identified.rs`).
+
+- *left*: the fraction of the mean square of the force added by the fault that the law's four
+  regressors cannot explain, where the screw moves.
+- *sigma*: the size of the fault in standard deviations of an estimate that knows everything else.
+  The force's noise and the encoder's steps limit it. In a motion that repeats, the steps repeat
+  too.
+- *enough*: at least 0.5 % are left, and the size can be estimated to 10 % in 95 % of the runs
+  (19.6 sigma).
 
 | fault | motion | left % | sigma | enough | first | sized | other | none |
 |---|---|--:|--:|---|--:|--:|--:|--:|
@@ -182,18 +193,23 @@ motion that repeats itself repeats). *Enough*: 0.5 % are left over, and the size
     let [parting_runs, parting_told] = with_flanks_that_part()?;
     text += &format!(
         "
-| runs | number | named first % | sized right as well % | another first % |
+| runs | number | named first % | and right size % | another first % |
 |---|--:|--:|--:|--:|
 | all | {} |
 | where the motion shows enough | {} |
 
-The goal is 85 % named first and sized right. Where a cause is named at all, it is the right one in {:.0} %; where it is, its interval holds the size in {:.0} %, and the
-intervals of inertance, viscous and Coulomb friction with it included hold these in {mt:.0}, {cf:.0} and {fc:.0} %.
+The goal is that in 85 % of the runs the cause is named first and its size is right. If any cause is
+named, the first one is right in {:.0} % of the runs. In these runs its interval contains the size in
+{:.0} %. The intervals of inertance, viscous and Coulomb friction, fitted with the causes included,
+contain the true values in {mt:.0}, {cf:.0} and {fc:.0} %.
 
-Of {} runs without a fault (noise of 0.2 to 20 N, 1 to 4 kHz, counts of 0.5 to 20 um, a device of 95 kg, a preloaded one, a rotary one of 2e-4 kg m2) {false_alarms} name a
-cause; the greatest F statistic is {:.2} of its threshold, and {:.2} with the seeds {} to {}, which set it.
+Of {} runs without a fault, {false_alarms} have a cause named. They have noise of 0.2 to 20 N, sample rates
+of 1 to 4 kHz, counts of 0.5 to 20 um, a device of 95 kg, a preloaded one, and a rotary one of
+2e-4 kg m2. The greatest F statistic is {:.2} of its threshold. With the seeds that set the
+threshold, it is {:.2} (seeds {} to {}).
 
-Of {parting_runs} runs whose flanks part by 0.05 to 1 mm, stiffness stated or not, {parting_told} are given a cause unasked (`replay`, `report`, `monitor`), which would be false.
+Of {parting_runs} runs whose flanks separate, with a backlash of 0.05 to 1 mm and the stiffness stated or not,
+{parting_told} have a wrong cause named without being asked for (by `replay`, `report` and `monitor`).
 ",
         all.line(),
         told_enough.line(),

@@ -29,10 +29,19 @@ pub fn run(words: &[&str]) -> Result<bool> {
 fn table(words: &[&str]) -> Result<bool> {
     let asked = sheet::asked("identify", words, false)?;
     let mut text = format!(
-        "# Identification of hidden devices\n\nThe complete model by `inerter identify` from {DURATION_S} s at 1 kHz, 1 N of \
-         force noise, 2.44 um per count, terminal sensor of 1 um;\ndevices drawn by a seed (half to twice the paper's, up to 0.1 mm \
-         of backlash), begun without knowing them.\nErrors; in brackets the half width of the 95 % interval; `*` beyond the \
-         goal, `!` beyond the interval. Devices 1 to {TUNED} were looked at\nwhile the factors in the intervals were set, the others not.\n\nWritten by `cargo xtask identify --update`; checked by `cargo xtask identify`.\n\n"
+        "# Identification of hidden devices
+
+`inerter identify` finds the complete model from {DURATION_S} s at 1 kHz, with 1 N of force noise, 2.44 um
+per count and a terminal sensor with 1 um of noise. A seed draws each device: half to twice the
+paper's parameters, and up to 0.1 mm of backlash. The search starts without knowing the device.
+
+Each cell gives the error and, in brackets, the half width of the 95 % interval. `*`: the error
+exceeds the goal. `!`: it exceeds the interval. Devices 1 to {TUNED} were looked at while the factors in
+the intervals were set, the others were not.
+
+Written by `cargo xtask identify --update`; checked by `cargo xtask identify`.
+
+"
     );
     let heads = GOALS.map(|(name, _)| name);
     writeln!(
@@ -72,7 +81,7 @@ fn table(words: &[&str]) -> Result<bool> {
     for (fresh, first, last) in [(0, 1, TUNED), (1, TUNED + 1, DEVICES)] {
         writeln!(
             text,
-            "- devices {first} to {last}: {} of {} goals missed; the interval holds the truth in {} of {} values given.",
+            "- devices {first} to {last}: {} of {} goals missed; {} of {} intervals contain the true value.",
             missed[fresh],
             MOTIONS.len() * (last + 1 - first) as usize * GOALS.len(),
             covered[fresh],

@@ -46,14 +46,14 @@ const SEVERAL: &[&str] = &["random", "mid", "two", "multi"];
 
 const CASES: [Case; 12] = [
     Case { name: "random", motions: &["random"], ..SAME },
-    Case { name: "mid, played again", motions: &["mid"], ..SAME },
-    Case { name: "two, played again", motions: &["two"], ..SAME },
-    Case { name: "fast, played again", motions: &["fast"], ..SAME },
+    Case { name: "mid, repeated", motions: &["mid"], ..SAME },
+    Case { name: "two, repeated", motions: &["two"], ..SAME },
+    Case { name: "fast, repeated", motions: &["fast"], ..SAME },
     Case { name: "several", motions: SEVERAL, ..SAME },
     Case { name: "fast and slow", motions: &["fast", "slow"], ..SAME },
     Case { name: "random, 20 um", motions: &["random"], metres_per_count: 20e-6, ..SAME },
-    Case { name: "mid, played again, 20 um", motions: &["mid"], metres_per_count: 20e-6, ..SAME },
-    Case { name: "several, skew wrong by its 5 us", motions: SEVERAL, skew_u95_s: 5e-6, ..SAME },
+    Case { name: "mid, repeated, 20 um", motions: &["mid"], metres_per_count: 20e-6, ..SAME },
+    Case { name: "several, skew wrong by its stated 5 us", motions: SEVERAL, skew_u95_s: 5e-6, ..SAME },
     Case { name: "random, fc varies by 5 %", motions: &["random"], varies: [0.0, 0.05], ..SAME },
     Case { name: "random, fc varies by 0.1 %", motions: &["random"], varies: [0.0, 0.001], ..SAME },
     Case { name: "several, mt varies by 0.1 %", motions: SEVERAL, varies: [0.001, 0.0], ..SAME },
@@ -105,13 +105,21 @@ pub fn measure(_: Asked) -> Measured {
     let mut text = format!(
         "# Runs merged
 
-`cargo xtask merge --update` writes this table. Each of {GROUPS} groups is of one device, the paper's, whose runs of {DURATION_S} s are fitted together by
-`inerter fit` and `inerter.merge`, 1 of them, 2, 4 or 16; a motion of its own seed each, or a tone that is played again. The settings state
-the true uncertainties: none for the rig, and the actual one for the skew. *U95*: the median half width; *held*: how many of the intervals hold the device as it is on average, of those that are told; *rms*: of the error
-over the half width; 0.51 is exact. *Differ*: groups whose runs are said to differ by more than their scatter. A single run cannot show variation between runs: its
-interval is that of the device during that run, so rows of one run are not counted below where the device varies.
+`cargo xtask merge --update` writes this table. Each of {GROUPS} groups has runs of {DURATION_S} s of one device,
+the paper's. `inerter fit` and `inerter.merge` fit 1, 2, 4 or 16 of these runs together. Each run
+has a seed of its own. With `repeated` all runs of a group have the same tone, with `several` they
+have `random`, `mid`, `two` and `multi` in turn. The settings state the true uncertainties: none for
+the rig, and the actual one for the skew.
 
-| runs | of | mt: U95 kg | held | rms | cf: U95 N s/m | held | rms | fc: U95 N | held | rms | differ |
+- *U95*: the median half width.
+- *covered*: of the intervals given, how many contain the mean value of the device.
+- *rms*: of the error over the half width. An exact interval has 0.51.
+- *differ*: groups whose runs are reported to differ by more than their scatter.
+
+A single run cannot show variation between runs: its interval is that of the device during that run.
+So, where the device varies, rows of one run are not counted in the totals below.
+
+| motions | runs | mt: U95 kg | covered | rms | cf: U95 N s/m | covered | rms | fc: U95 N | covered | rms | differ |
 |---|---|---|---|---|---|---|---|---|---|---|---|
 "
     );
@@ -146,7 +154,9 @@ interval is that of the device during that run, so rows of one run are not count
     let share = |i: usize| 100.0 * held[i] as f64 / told[i] as f64;
     text += &format!(
         "
-Held: {:.1} % of {} intervals of mt, {:.1} % of {} of cf, {:.1} % of {} of fc. Of {} groups of more than one run whose devices are the same {} are said to differ.
+The interval contains the mean value in {:.1} % of {} cases for mt, {:.1} % of {} for cf and
+{:.1} % of {} for fc. Of {} groups of more than one run of a device that does not vary, {} are
+reported to differ.
 ",
         share(0),
         told[0],

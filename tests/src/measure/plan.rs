@@ -210,7 +210,7 @@ pub fn measure(_: Asked) -> Measured {
         let reached = bench.reached(&written, plan.duration_s, first, seeds)?;
         let letter = name.get(..1).unwrap_or_default();
         body += &rows(letter, &plan.prediction, &reached, &mut designed);
-        made += &format!("- {name}: {}\n", description(&plan, bench.machine));
+        made += &sheet::item(&format!("{name}: {}", description(&plan, bench.machine)));
         if wanted.is_empty() {
             beside += &compared(name, bench, Limits { duration_s: plan.duration_s, ..limits }, &reached)?;
         }
@@ -219,28 +219,46 @@ pub fn measure(_: Asked) -> Measured {
     let text = format!(
         "# Planned motions
 
-`cargo xtask plan --update` writes this table. It compares what `inerter plan` predicts for a motion with what runs of it give: {seeds} runs with seeds from {first} on, a rig whose settings are true to the last digit and
-say so, one motion throughout (`multi` and `random` with seed 1). The rehearsals of the predictions have other seeds.
+`cargo xtask plan --update` writes this table. It compares what `inerter plan` predicts for a motion
+with the results of {seeds} runs of this motion, with seeds from {first} on (`multi` and `random` keep
+seed 1). The settings of the rig are exactly true and stated as exact. The rehearsals of the
+predictions use other seeds.
 
-- *u_a*: standard uncertainty by scatter, predicted by the theory alone, with the residual that rehearsals leave (which is what `inerter plan` says), and as the estimator states it, mean of all runs. *scatter*:
-  predicted by rehearsals, and the root mean square of the errors. *U95*: half width of the interval over the whole run, predicted, and mean of all runs. *ratio*: reached over predicted; bold where it is beyond {:.0} %.
-- *given*: rehearsals, and runs, with a value; where it is less than half in either, as where the law is broken, nothing is compared. *covered*: runs whose interval holds the truth.
+- *u_a*: standard uncertainty from scatter: predicted by the theory alone; predicted with the
+  residual of the rehearsals, which is the value that `inerter plan` reports; and stated by the
+  estimator, as the mean of all runs.
+- *scatter*: predicted by rehearsals, and the root mean square of the errors.
+- *U95*: half width of the interval over the whole run: predicted, and the mean of all runs.
+- *ratio*: reached over predicted; bold if it differs from 1 by more than {:.0} %.
+- *given*: percentage of the rehearsals, and of the runs, with a value. If either is less than half,
+  for example because the law is broken, nothing is compared.
+- *covered*: percentage of the runs with a value whose interval contains the true value.
 
 | within {:.0} % | u_a, theory | u_a | scatter | U95 |
 |---|---|---|---|---|
 | fixed motions | {fixed} |
 | designed motions | {designed} |
 
-Benches and cases were looked at while the method was built, the preloaded and the 700 kg bench and H and I once: since then the residual of the rehearsals is in `u_a`. The last two benches and K and L were not looked at before, and nothing was changed
-after. Rehearsals and runs use the same plant: the table tests theory, search and prediction, not whether the plant resembles a real device.
+The preloaded bench, the 700 kg bench, H and I were looked at once while the method was developed;
+after that, the residual of the rehearsals was added to `u_a`. The last two benches (30 kg and
+2000 kg), K and L were not looked at before, and nothing was changed afterwards. The other benches
+and cases were used throughout development. Rehearsals and runs use the same plant: the table tests
+theory, search and prediction, not whether the plant resembles a real device.
 
-The designed motions, each within its limits, written as a CSV of {FILE_HZ} Hz and read by the plant:
+These are the designed motions. Each is within its limits, and the plant reads it from a CSV of
+{FILE_HZ} Hz.
 
 {made}{body}
 ## Under the same limits
 
-Half widths of the 95 % intervals over the whole run, mean of {} runs with seeds from {} on: the designed motion, and the fixed ones as large as the same limits allow for the same time. *best*: the narrowest interval of any
-fixed motion over that of the design, which has to be good at all three at once; *together*: the cube root of the product of the three intervals over that of the design, for the fixed motion with the least.
+Mean half widths of the 95 % intervals over the whole run: of the designed motion, from the runs
+above, and of the fixed motions, from {} runs with seeds from {} on. The fixed motions last as
+long as the design and are as large as the same limits allow.
+
+- *best*: for mt, cf and fc, the narrowest interval of any fixed motion, relative to the design's.
+  One design has to be good at all three at once.
+- *together*: the cube root of the product of the three intervals, relative to the design's, for the
+  fixed motion with the smallest product.
 
 {beside}",
         100.0 * WITHIN,
@@ -258,7 +276,7 @@ fn description(plan: &Plan, machine: Machine) -> String {
     let reached = plan.wants.iter().map(|want| {
         let u95 = plan.reached(want);
         let verdict = if u95 <= want.u95 { "reached" } else { "not reached" };
-        format!("; {} to {}: {verdict}, {}", NAMES[want.place], want.u95, figure(u95))
+        format!("; {}: U95 {}, goal {}, {verdict}", NAMES[want.place], figure(u95), want.u95)
     });
     parts.join(", ") + &reached.collect::<String>()
 }

@@ -68,7 +68,7 @@ fn cases() -> Vec<Case> {
     let gain = Sensors { force_gain: 1.01, ..rig() };
     let uneven = Inerter { coulomb_asymmetry: 0.4, viscous_asymmetry: 0.4, ..paper };
     vec![
-        case("nothing", WITH_FAST),
+        case("none", WITH_FAST),
         sensors("force noise 0.1 N", FASTER, Sensors { force_noise_n: 0.1, ..rig() }),
         sensors("force noise 5 N", WITH_SLOW, Sensors { force_noise_n: 5.0, ..rig() }),
         sensors("force noise 20 N", FASTER, Sensors { force_noise_n: 20.0, ..rig() }),
@@ -83,7 +83,7 @@ fn cases() -> Vec<Case> {
         Case { clipped: true, ..case("force clipped at 80 %", FASTER) },
         sensors("pickup 5 N, 50 Hz", WITH_SLOW, Sensors { pickup_n: 5.0, ..rig() }),
         sensors("knock 200 N, 4 ms", WITH_SLOW, Sensors { knock_n: 200.0, ..rig() }),
-        device("friction uneven by 40 %", WITH_SLOW, uneven),
+        device("friction +-40 % by direction", WITH_SLOW, uneven),
         device("weight of 200 N", FASTER, Inerter { constant_force_n: -200.0, ..paper }),
         device("backlash 0.1 mm", FASTER, Inerter::worn()),
         device("the same, flanks only push", FASTER, Inerter { unilateral: 1.0, ..Inerter::worn() }),
@@ -231,22 +231,26 @@ fn markdown(rows: &[Row]) -> String {
     let mut text = format!(
         "# Robustness
 
-What one imperfection of rig or device at a time does to the estimates: the device, rig and motions of
-[accuracy](accuracy.md) (1 kHz, 1 N, 2.44 um per count), {SEEDS} runs of 20 s in each row, 80 s for `slow`.
-The settings do not state the imperfection. *fc* is the sliding friction, the mean of both directions.
+How one imperfection of rig or device at a time affects the estimates. Device, rig and motions are
+those of [accuracy](accuracy.md) (1 kHz, 1 N, 2.44 um per count). Each row has {SEEDS} runs of 20 s, in
+`slow` of 80 s. The settings do not state the imperfection, except where its name says so. *fc* is
+the sliding friction, the mean of both directions.
 
-Written by `cargo xtask robustness --update`; `cargo xtask robustness` measures anew and fails where a figure left the
-table by more than {} %, either way, or where another flag shows.
+Written by `cargo xtask robustness --update`. `cargo xtask robustness` measures again. It fails if a
+figure differs from the table by more than {} %, or if the flags differ.
 
-- *bias*, *sigma*, *U95*: mean error, its standard deviation and the mean interval of the whole run's values at its end.
-- *covered*: part of all published values, live and whole run, ten a second, whose interval covers the truth; bold where that is less than
-  95 % beyond chance. Until a second of motion has been seen, nothing is known of how friction behaves.
-- *runs*: how many ended with a value. *residual*: rms of what the law leaves open \\[N\\].
-- *flagged by*: what the device itself says in at least half of the runs: its counters of discontinuities and saturated samples,
-  what it makes of friction, a parameter that is not identifiable; *residual* where that is {LOUD} times that of the
-  first rows.
+- *bias*, *sigma*: mean and standard deviation of the error of the whole run's value at the end of
+  the run. *U95*: mean half width of its interval.
+- *covered*: percentage of all published values, ten a second, live and of the whole run, whose
+  interval contains the true value. It is bold where it is below 95 % by more than chance explains.
+  In the first second of motion the behaviour of friction is not yet known.
+- *runs*: how many ended with a value. *residual*: rms of the force that the law does not explain
+  \\[N\\].
+- *flagged by*: what the device itself reports in at least half of the runs: its counters of
+  discontinuities and saturated samples, the friction regime, or a parameter that is not
+  identifiable. *residual* is added if it exceeds {LOUD} times that of the undisturbed rig (`none`).
 
-| wrong | motion | parameter | bias | sigma | U95 | covered | runs | residual | flagged by |
+| imperfection | motion | parameter | bias | sigma | U95 | covered | runs | residual | flagged by |
 |---|---|---|--:|--:|--:|--:|--:|--:|---|
 ",
         TOLERANCE * 100.0
@@ -257,7 +261,7 @@ table by more than {} %, either way, or where another flag shows.
             text += &line(row.cells(i));
             if row.is_wrong(i) && row.flags(i) == "-" {
                 let [bias, u95] = [row.last[i].bias, row.last[i].u95].map(significant);
-                wrong.push(format!("{}, {}, {}: {bias} with an interval of {u95}", row.case, row.motion, name));
+                wrong.push(format!("{}, {}, {}: bias {bias}, U95 {u95}", row.case, row.motion, name));
             }
         }
     }
@@ -298,9 +302,7 @@ mod tests {
     #[test]
     fn what_is_wrong_without_a_flag_is_listed() {
         let text = markdown(&[row(0.5, 0.2, &[])]);
-        assert!(
-            text.contains("| **20.0** |") && text.contains("- gain 1 %, mid, mt kg: 0.500 with an interval of 0.0900.")
-        );
+        assert!(text.contains("| **20.0** |") && text.contains("- gain 1 %, mid, mt kg: bias 0.500, U95 0.0900."));
         assert!(markdown(&[row(0.5, 0.2, &["discontinuities"])]).contains("None."));
         assert!(markdown(&[row(0.0, 1.0, &[])]).contains("None."));
     }

@@ -53,11 +53,15 @@ pub fn measure(_: Asked) -> Measured {
     let mut text = format!(
         "# Skews
 
-`cargo xtask skew --update` writes this table. Each run is of a machine of its own, drawn by the seeds {} to {}: 3 mg m^2 to 500 kg, with friction from 1 to 150 % of the
-inertance's force, noise of 0.02 to 5 % of the force, 300 to 300 000 counts in a stroke, at 500 Hz to 4 kHz, the force up to 5 ms late or early.
-Each run has 20 s of motion, and its settings do not state the delay. *Told*: a skew is reported; *held*: its interval holds the delay. *Rms*: of the error over the half width; 0.51 is exact.
+`cargo xtask skew --update` writes this table. Each run is of another machine, drawn by the seeds
+{} to {}: 3 mg m^2 to 500 kg, friction of 1 to 150 % of the inertance's force, noise of 0.02
+to 5 % of the force, 300 to 300 000 counts per stroke, sample rates of 500 Hz to 4 kHz, and a force
+up to 5 ms late or early. Each run has 20 s of motion. Its settings do not state the delay.
 
-| | runs | told | held | rms | median U95 us |
+- *reported*: runs with a reported skew. *covered*: those of them whose interval contains the delay.
+- *rms*: of the error over the half width. An exact interval has 0.51.
+
+| device or motion | runs | reported | covered | rms | median U95 us |
 |---|---|---|---|---|---|
 ",
         JUDGING.start(),
@@ -89,9 +93,14 @@ Each run has 20 s of motion, and its settings do not state the delay. *Told*: a 
     let (set, _) = counted(setting.iter());
     text += &format!(
         "
-Of {} machines {} get a skew, and {} intervals hold it ({:.1} %, rms {:.2}); of those that set the thresholds, seeds {} to {}, {} of {} (rms {:.2}).
-The median of what the law leaves over falls from {:.1} to {:.1} % of the force. The others get none: {} for too little motion that does not count as rest (strokes shorter than the kernel, or friction that holds the screw),
-{} for noise, {} as a single tone, and {} as a delay beyond 5 ms, which none of them has.
+Of {} machines, {} have a reported skew. Its interval contains the delay in {} of them ({:.1} %,
+rms {:.2}). Of the machines that set the thresholds (seeds {} to {}) it does so in {} of {}
+(rms {:.2}). With the skew set, the median residual of the law falls from {:.1} to {:.1} % of the
+force.
+
+The other machines have no reported skew, for these reasons: in {} there is too little motion
+outside rest (strokes shorter than the kernel, or friction that holds the screw), {} are too noisy,
+{} look like a single tone, and {} seem to have a delay beyond 5 ms, which none of them has.
 ",
         judging.len(),
         told.given,

@@ -108,7 +108,8 @@ fn table(folder: &Path, asked: Asked) -> Result<bool> {
     let mut text = String::from(
         "# Validation
 
-`cargo xtask validation --update` writes this table; [VALIDATION](../VALIDATION.md) says what it is for.
+`cargo xtask validation --update` writes this table. [VALIDATION](../VALIDATION.md) explains its
+purpose.
 ",
     );
     text += &methods(folder)?;
@@ -135,7 +136,9 @@ fn methods(folder: &Path) -> Result<String> {
         "
 ## Identical data through other methods
 
-Value +- half width of the 95 % interval that each method states itself. *off*: distance from the truth (of EMPS, from the published fit) in parts of that interval, mt, cf, fc.
+Each cell is a value +- the half width of the 95 % interval that the method itself states. *off*:
+distance of mt, cf and fc from the true value (for EMPS, from the published fit), in half widths of
+that interval.
 
 | data | method | mt kg | cf N s/m | fc N | off |
 |---|---|--:|--:|--:|--:|
@@ -173,11 +176,18 @@ fn another_plant(folder: &Path) -> Result<String> {
         "
 ## Another plant
 
-A motion in closed form and the force of the law at the moment of each sample (`tests/python/plant.py`): nothing is integrated, and nothing elastic lies between friction and load cell. It has set no
-constant. Kinds, sizes and draws are its own; half of the runs state a stiffness, so that their flanks are known to be closed. *wrong*: a value lies outside the interval that `inerter replay --json` gives, with a
-word that names the defect, with `assumes` alone, or with none; *device*: silent by the device's own intervals and words. *any word*: warnings or causes.
+This plant (`tests/python/plant.py`) has a motion in closed form, and computes the force by the law
+at the moment of each sample. Nothing is integrated, and nothing elastic lies between friction and
+load cell. The plant has set no constant. Its kinds of defects, sizes and draws are its own. Half of
+the runs state a stiffness, so their flanks are known to be closed.
 
-| kind | runs | wrong: told | assumed | silent | device: silent | called broken | any word |
+- *wrong*: the true value lies outside the interval that `inerter replay --json` gives. *reported*:
+  the law is called broken, or a message names the defect. *assumed*: only `assumes` names it.
+  *silent*: nothing does.
+- *device: silent*: silent by the device's own intervals and messages.
+- *any message*: runs with a warning or a cause.
+
+| kind | runs | wrong: reported | assumed | silent | device: silent | called broken | any message |
 |---|--:|--:|--:|--:|--:|--:|--:|
 ",
     );
@@ -198,8 +208,11 @@ fn prediction(run: &Run) -> Result<String> {
         "
 ## Half of the EMPS record by the other half
 
-*predicted*: rms of the force of this half less what the parameters of the other half make of its motion; *own*: the same by its own least squares; *force*: rms of the force itself. Through the
-estimator's kernels, all updates. *apart*: distance between the halves' parameters over both intervals together, mt, cf, fc: 1 holds 95 %.
+- *predicted*: rms of this half's force minus the force that the other half's parameters predict
+  from its motion. *own*: the same with the parameters of its own least squares. *force*: rms of the
+  force itself. All three are taken from all updates, after the estimator's kernels.
+- *apart*: distance between the halves' values of mt, cf and fc, relative to the root sum of squares
+  of both intervals. With exact intervals, 95 % of such ratios are below 1.
 
 | half | mt kg | cf N s/m | fc N | predicted N | own N | force N | apart |
 |---|--:|--:|--:|--:|--:|--:|--:|
@@ -237,8 +250,10 @@ fn bootstrap(run: &Run) -> Result<String> {
         "
 ## Block bootstrap of the EMPS residuals
 
-Half widths of 95 %: of {RESAMPLED} fits to the fitted force with residuals drawn in blocks of neighbours (circular; {} updates), beside what the estimator says of their scatter (`noise` and `encoder`
-of its budget), and with the law's misfit, and altogether.
+Half widths of 95 % intervals. *blocks*: of {RESAMPLED} fits to the fitted force with residuals that are
+drawn in blocks of neighbours (circular, {} updates). *estimator*: as the estimator states them,
+from scatter alone (`noise` and `encoder` of its budget), with the misfit of the law, and from all
+sources.
 
 | by | mt kg | cf N s/m | fc N |
 |---|--:|--:|--:|
@@ -271,8 +286,8 @@ of its budget), and with the law's misfit, and altogether.
     }
     for (name, sources) in [
         ("estimator, scatter", &[Source::Noise, Source::Encoder][..]),
-        ("estimator, scatter and law", &[Source::Noise, Source::Encoder, Source::Model]),
-        ("estimator, altogether", &Source::ALL),
+        ("estimator, scatter and misfit", &[Source::Noise, Source::Encoder, Source::Model]),
+        ("estimator, all sources", &Source::ALL),
     ] {
         let widths = budgets.iter().take(3).map(|budget| {
             let parts = sources.iter().map(|source| f64::from(budget.given_u95(*source)).powi(2));
@@ -289,7 +304,9 @@ fn scatter() -> Result<String> {
         "
 ## Scatter of the Lodz recordings
 
-Each recording in {PARTS} parts of the same length, one after the other; each part is an estimate of its own. *off*: distance of its value from the whole recording's over its interval.
+Each recording is divided into {PARTS} consecutive parts of the same length. Each part is estimated on
+its own. *off*: distance of the part's value from that of the whole recording, relative to the
+part's interval.
 
 | recording | part | mt kg | cf N s/m | fc N | off: mt | cf | fc |
 |---|---|--:|--:|--:|--:|--:|--:|

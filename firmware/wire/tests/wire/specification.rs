@@ -187,8 +187,8 @@ fn generated() -> String {
     let mut out = String::new();
     writeln!(
         out,
-        "Wire version {WIRE_VERSION}. Longest payload {MAX_PAYLOAD} bytes, longest frame {MAX_FRAME} with its delimiter; \
-         a batch holds at most {} samples in {} bytes, a list of settings at most {MAX_SETTINGS}.\n",
+        "Wire version {WIRE_VERSION}. Longest payload {MAX_PAYLOAD} bytes, longest frame {MAX_FRAME} with its delimiter; a\n\
+         batch holds at most {} samples in {} bytes, a list of settings at most {MAX_SETTINGS}.\n",
         Samples::MAX_SAMPLES,
         Samples::MAX_BYTES
     )

@@ -1,8 +1,9 @@
 //! The computer's clock is set forwards and backwards while the program runs.
 //!
 //! Only what tells the date is set (`CLOCK_REALTIME`), not what counts the time (`CLOCK_MONOTONIC`). A recording takes
-//! the date once, when it begins, and counts from there. So the time between its frames must be right in spite of steps:
-//! it must agree with the device's samples, and fit into the time that the command ran, by this test's own clock.
+//! the date once, when it begins, and counts from there. So the time between its frames must be right in spite of
+//! steps: it must agree with the device's samples, and fit into the time that the command ran, by this test's own
+//! clock.
 
 use std::{
     process::Command,
@@ -106,7 +107,8 @@ fn clock_steps() {
     kill_process(Pid::from_child(&device.child), Signal::TERM).unwrap();
     assert!(ended(&mut device.child, Duration::from_secs(5)).is_some(), "the device goes on after a signal");
     scenario.passed(&format!(
-        "a step every 200 ms, of up to 12 days: {} commands and the device went on; times and samples differ by {worst_s:.2} s at most",
+        "a clock step of up to 12 days every 200 ms: {} commands and the device kept running; \
+         times and samples differ by at most {worst_s:.2} s",
         commands.len() + 1
     ));
 }

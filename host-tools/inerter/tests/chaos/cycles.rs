@@ -130,7 +130,7 @@ fn cycles() {
     let status = ended(&mut device.child, Duration::from_secs(5)).expect("the device goes on after a signal");
     assert!(matches!(status.code(), Some(0 | 130)), "{status}");
     scenario.passed(&format!(
-        "{cycles} hosts came and went, {answered} were answered; memory {memory} kB after a tenth, {memory_after} kB at the end; \
-         {files} files at both ends"
+        "{cycles} hosts connected and disconnected, {answered} got an answer; memory {memory} kB after a tenth, \
+         {memory_after} kB at the end; {files} open files at the start and at the end"
     ));
 }

@@ -81,7 +81,7 @@ fn unruly() {
     faults.extend(late.iter().filter_map(|visit| meet(&scenario, *visit, &seen).err()).map(|wrong| wrong.words));
     assert!(faults.is_empty(), "{} faults:\n{}", faults.len(), faults.join("\n"));
     scenario.passed(&format!(
-        "{} behaviours x {} commands, {} ended by themselves, {} late and visited again; most: {}",
+        "{} behaviours x {} commands; {} runs ended by themselves, {} were late and repeated; maxima: {}",
         MANNERS.len(),
         COMMANDS.len(),
         seen.by_itself.into_inner(),
@@ -183,10 +183,10 @@ fn meet(
         return Err(Wrong { words: format!("{what} {how}: {}", faults.join(", ")), is_only_late });
     }
     seen.by_itself.fetch_add(usize::from(!is_running), Ordering::Relaxed);
-    seen.worst.see("kB", most_kb, &what);
+    seen.worst.see("memory in kB", most_kb, &what);
     match how {
-        "after a signal" => seen.worst.see("ms after a signal", took_ms, &what),
-        "after the device went" => seen.worst.see("ms after its going", took_ms, &what),
+        "after a signal" => seen.worst.see("ms to end after a signal", took_ms, &what),
+        "after the device went" => seen.worst.see("ms to end after the device disconnected", took_ms, &what),
         _ => {}
     }
     Ok(())
@@ -240,10 +240,15 @@ fn floods() {
         assert!(matches!(status.code(), Some(0..=10 | 130)), "{what}: {status}");
         let (most_kb, foreign) = visit.end();
         assert_eq!(foreign, None, "{what}");
-        worst.see("kB", most_kb, &what);
+        worst.see("memory in kB", most_kb, &what);
         assert!(most_kb < MOST_KB, "{what}: {most_kb} kB");
     });
-    scenario.passed(&format!("{} floods x {} commands for 8 s; most: {}", floods.len(), commands.len(), worst.words()));
+    scenario.passed(&format!(
+        "{} floods x {} commands for 8 s; maximum: {}",
+        floods.len(),
+        commands.len(),
+        worst.words()
+    ));
 }
 
 /// The connection closes after each possible number of bytes of a conversation.
@@ -289,7 +294,7 @@ fn cut_off() {
         });
         assert!(complete.into_inner() > 0, "{command:?} was never done");
     }
-    scenario.passed(&format!("{} cuts, after 0 to {} bytes", runs.into_inner(), longest.into_inner()));
+    scenario.passed(&format!("{} connections cut off, after 0 to {} bytes", runs.into_inner(), longest.into_inner()));
 }
 
 /// Answers everything, and closes the connection after this many bytes.

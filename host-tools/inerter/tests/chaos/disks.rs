@@ -64,7 +64,8 @@ fn files_that_may_not_grow() {
         }
     });
     scenario.passed(&format!(
-        "{} times code 8 and nothing left behind, {} times ended by the system; no half file, no earlier one lost",
+        "{} runs ended with exit code 8 and left no file, {} were ended by the system; \
+         no incomplete file, no earlier file lost",
         failed.into_inner(),
         killed.into_inner()
     ));
@@ -108,7 +109,7 @@ fn full_disks() {
             runs.fetch_add(1, Ordering::Relaxed);
         }
     });
-    scenario.passed(&format!("{} runs, each with code 8, nothing left behind", runs.into_inner()));
+    scenario.passed(&format!("{} runs, each ended with exit code 8 and left no file", runs.into_inner()));
 }
 
 /// A folder that belongs to another user.
@@ -148,7 +149,7 @@ fn folders_of_others() {
             runs.fetch_add(1, Ordering::Relaxed);
         }
     });
-    scenario.passed(&format!("{} runs, each with code 8, nothing changed", runs.into_inner()));
+    scenario.passed(&format!("{} runs, each ended with exit code 8 and changed no file", runs.into_inner()));
 }
 
 /// Another program removes the file being written, or creates something under its name.
@@ -203,7 +204,7 @@ fn files_that_vanish() {
     let refused = refused.into_inner();
     assert!(refused > 0);
     scenario.passed(&format!(
-        "{refused} ended with code 8, {} were done before; none replaced another's file",
+        "{refused} runs ended with exit code 8, {} had finished before; none replaced another program's file",
         whole_ones.into_inner()
     ));
 }
@@ -231,5 +232,8 @@ fn recordings_on_full_disks() {
         }
     }
     assert!(readable > 0, "no recording came as far as its frames");
-    scenario.passed(&format!("{} recordings ended with code 8; all {readable} with frames open", limits * 2));
+    scenario.passed(&format!(
+        "{} recordings ended with exit code 8; all {readable} that have frames can be opened",
+        limits * 2
+    ));
 }

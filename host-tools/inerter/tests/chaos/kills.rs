@@ -78,7 +78,8 @@ fn kill_writers(scenario: Scenario, kills: u64, chosen: fn(&Writer) -> bool) {
     let (count, early) = (count.into_inner(), early.into_inner());
     assert!(early as u64 > count / 3, "only {early} of {count} were killed before they ended");
     scenario.passed(&format!(
-        "{count} kills of {} writers, {early} before their end; no half file, {} whole ones, no earlier one lost",
+        "{count} kills of {} writers, {early} before the program ended; \
+         no incomplete file, {} complete ones, no earlier file lost",
         writers.len(),
         whole.into_inner()
     ));
@@ -135,7 +136,8 @@ fn killed_recordings() {
     let (lost, empty) = (lost.into_inner().unwrap(), empty.into_inner());
     assert!(lost.len() > all.len() / 2, "only {} of {} recordings hold anything", lost.len(), all.len());
     scenario.passed(&format!(
-        "{} kills of `record` and `monitor --record`; worst loss {:.2} s, all open ({empty} killed before the first frames)",
+        "{} kills of `record` and `monitor --record`; at most {:.2} s lost, \
+         all files can be opened ({empty} killed before the first frame)",
         all.len(),
         lost.iter().copied().fold(0.0, f64::max)
     ));
@@ -186,7 +188,7 @@ fn killed_stores() {
     });
     let unfinished = unfinished.into_inner();
     assert!(unfinished > 0, "no kill left anything unfinished");
-    scenario.passed(&format!("{kills} kills of `store add`, {unfinished} left unfinished files; no half run"));
+    scenario.passed(&format!("{kills} kills of `store add`, {unfinished} left unfinished files; no incomplete run"));
 }
 
 /// A killed command has written all of its settings to the device, or none.
@@ -220,5 +222,7 @@ fn killed_settings() {
         written += usize::from(value("memory_s") == (10 + wanted) as f64);
     }
     assert!(written > 0, "every kill came before the write");
-    scenario.passed(&format!("{kills} kills of `settings set`; {written} times both settings were new, else both old"));
+    scenario.passed(&format!(
+        "{kills} kills of `settings set`; {written} times both settings were new, otherwise both were old"
+    ));
 }

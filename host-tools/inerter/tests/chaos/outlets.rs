@@ -129,7 +129,7 @@ fn closed_outlets() {
         runs.fetch_add(1, Ordering::Relaxed);
     });
     scenario.passed(&format!(
-        "{} runs of {} commands at {} outlets",
+        "{} runs of {} commands, each with {} states of its outputs",
         runs.into_inner(),
         pairs.len() / 7,
         outlets.len()
@@ -207,7 +207,7 @@ fn lost_terminals() {
         slowest.fetch_max(gone.elapsed().as_millis() as usize, Ordering::Relaxed);
         assert!(!parts_are_left(folder.path()), "{command:?} leaves something half written");
     });
-    scenario.passed(&format!("{} terminals gone, each program ended within {} ms", all.len(), slowest.into_inner()));
+    scenario.passed(&format!("{} terminals closed; each program ended within {} ms", all.len(), slowest.into_inner()));
 }
 
 fn parts_are_left(folder: &Path) -> bool {
@@ -298,7 +298,8 @@ fn slow_readers() {
     assert!(samples[0] > 4000 * (seconds - 3), "{samples:?} samples in {seconds} s");
     until("the device is gone", || TcpStream::connect(&device.address).is_ok());
     scenario.passed(&format!(
-        "{seconds} s at 4 kHz, {taken} bytes taken: {} samples recorded and {} beside, none lost; the monitor held {most_kb} kB",
+        "{seconds} s at 4 kHz, {taken} bytes read by the slow readers: {} samples recorded by `monitor` \
+         and {} by `record`, none lost; `monitor` used at most {most_kb} kB",
         samples[0], samples[1]
     ));
 }

@@ -89,7 +89,7 @@ impl Scenario {
     pub fn passed(mut self, figures: &str) {
         self.passed = true;
         let state = self.state();
-        state.line("passed", &format!("{figures}; at most {} kB seen in one program", state.held_kb));
+        state.line("passed", &format!("{figures}; no program used more than {} kB", state.held_kb));
     }
 
     /// Records that this machine lacks something.

@@ -2,7 +2,7 @@
 //! identified affects the intervals. A copy of the whole tree, without one part at a time, is compared with the tree
 //! itself on the same runs.
 
-use super::heuristics::{Heuristic, buys, one, settle, tested};
+use super::heuristics::{Heuristic, contributes, one, settle, tested};
 use crate::{
     copy::{self, Edit},
     process, workspace,
@@ -26,7 +26,7 @@ const FOLDER: &str = "host-tools/analysis/src/diagnose";
 /// In the order of docs/THEORY.md, 14.
 const PARTS: &[Heuristic] = &[
     one(
-        "reversals are located anew by what was found",
+        "reversals are relocated with the causes found",
         "search.rs",
         "Rows::of(aligned, self.law, &self.found,",
         "Rows::of(aligned, self.law, &[],",
@@ -40,7 +40,7 @@ const PARTS: &[Heuristic] = &[
     one("rows are whitened", "filter.rs", "Sight::Box(_) => vec![1.0],", "_ => vec![1.0],"),
     tested(
         "a_cause_is_named_in_stop_and_go",
-        "where too few rows remain, other kernels are used",
+        "where too few rows remain or steps are too large, other kernels are used",
         "search.rs",
         "if worse.is_empty() || is_fit() {",
         "if worse.is_empty() || is_fit() || true {",
@@ -53,139 +53,149 @@ const PARTS: &[Heuristic] = &[
     ),
     tested(
         "what_breaks_the_law",
-        "the two parts of the run that say most are left out",
+        "the two adjacent parts of the run with the most evidence are left out",
         "selection.rs",
         "lasting * strength.min(by_scatter)",
         "lasting.max(1.0) * strength.min(by_scatter)",
     ),
     tested(
         "what_wanders_is_no_cause",
-        "parts of the run that differ are less evidence",
+        "scatter between the parts of the run weakens the evidence",
         "selection.rs",
         "lasting * strength.min(by_scatter)",
         "lasting * strength.min(by_scatter.max(strength))",
     ),
     tested(
         "a_distance_is_right_in_slow_motion",
-        "the least of three solutions counts",
+        "of three corrections for the encoder's steps, the one with the least evidence counts",
         "selection.rs",
         "const TAKEN: [f64; 3] = [0.0, 1.0, 1.5];",
         "const TAKEN: [f64; 3] = [0.0, 0.0, 0.0];",
     ),
     tested(
         "noise_of_a_slow_motion_is_no_cause",
-        "a column that is mostly noise is not used",
+        "a regressor that is not clear of its noise is not used",
         "selection.rs",
         "const LEAST_OVER_NOISE: f64 = 25.0;",
         "const LEAST_OVER_NOISE: f64 = 0.0;",
     ),
     one(
-        "a size must be physically plausible",
+        "a cause must have a plausible size",
         "candidate.rs",
         "let coulomb_n = coulomb_n.max(0.0);",
         "let coulomb_n = coulomb_n.max(0.0);\n        if coulomb_n >= 0.0 {\n            return true;\n        }",
     ),
-    one("what comes close is tried as well", "search.rs", "const CLOSE: f64 = 0.5;", "const CLOSE: f64 = 2.0;"),
     one(
-        "what comes close is tried as well",
+        "causes with more than half of the greatest evidence are tried too",
+        "search.rs",
+        "const CLOSE: f64 = 0.5;",
+        "const CLOSE: f64 = 2.0;",
+    ),
+    one(
+        "causes with more than half of the greatest evidence are tried too",
         "search.rs",
         "let close: Vec<Found> = close.copied().collect();",
         "let close: Vec<Found> = close.copied().chain([*first]).take(1).collect();",
     ),
     tested(
         "of_causes_that_explain_alike_the_simplest_is_named",
-        "an additional size must explain enough",
+        "of causes that explain about the same, the simplest is taken",
         "search.rs",
         "const WORTH: f64 = 8.0;",
         "const WORTH: f64 = 0.0;",
     ),
     tested(
         "nothing_is_named_beside_the_only_cause",
-        "each is judged anew beside the others, and held against what could stand in its place",
+        "each cause is re-tested beside the others and against its possible replacements",
         "search.rs",
         "if !self.weigh(&rows) {",
         "if true {",
     ),
     one(
-        "velocities, distances and shapes are sought beside all others",
+        "velocities, distances and shapes are refined beside all other causes",
         "found.rs",
         "if term.scale().is_none() {",
         "if true {",
     ),
     tested(
         "the_distance_is_right_where_all_of_friction_turns",
-        "all of Coulomb friction may turn",
+        "all of Coulomb friction may reverse gradually",
         "found.rs",
         "&[false, true] } else { &[false] }",
         "&[false] } else { &[false] }",
     ),
     tested(
         "what_is_beside_a_skew_is_named_too",
-        "after a skew is undone the search begins again",
+        "after a skew is undone, the search restarts",
         "search.rs",
         "const MOST_UNDONE: usize = 6;",
         "const MOST_UNDONE: usize = 1;",
     ),
     one(
-        "a skew that others explain is none",
+        "a skew that other causes explain as well is dropped",
         "search.rs",
         "cause.kind == Kind::Skew && cause.f < LIMIT;",
         "cause.kind == Kind::Skew && cause.f < 0.0;",
     ),
     one(
-        "where flanks may part, what was found must be most of it, and clear",
+        "where flanks may part, only clear causes that explain most of the residual are reported",
         "search.rs",
         "filter(|cause| is_most && is_clear(cause))",
         "filter(|cause| is_most || !is_clear(cause) || true)",
     ),
-    one("other lengths of a turn are possible", "fitted.rs", "if encoder.counts_per_turn.is_some() {", "if true {"),
     one(
-        "what moves a parameter widens its interval",
+        "other possible lengths of a turn widen the intervals",
+        "fitted.rs",
+        "if encoder.counts_per_turn.is_some() {",
+        "if true {",
+    ),
+    one(
+        "a shift by a cause too small to be named widens the interval",
         "hidden.rs",
         "const MOVED: [f64; 2] = [1.6, 1.2];",
         "const MOVED: [f64; 2] = [0.0, 0.0];",
     ),
     tested(
         "the_point_on_the_frontier_is_where_90_percent_are_held",
-        "so does the chance variation",
+        "the chance variation of that shift widens the interval too",
         "hidden.rs",
         "const MOVED: [f64; 2] = [1.6, 1.2];",
         "const MOVED: [f64; 2] = [1.6, 0.0];",
     ),
     tested(
         "what_is_too_small_to_be_named_widens_the_interval_by_the_samples",
-        "a poorly determined cause widens beyond twice its chance",
+        "a poorly determined cause widens the interval if its shift exceeds twice its chance variation",
         "hidden.rs",
         "let is_moved = is_far || moves.are_told && moved.abs() > CHANCE * chance;",
         "let is_moved = is_far || moves.are_told && moved.abs() < 0.0;",
     ),
     one(
-        "what is far beyond chance widens also where little is left of it",
+        "a shift far beyond chance widens the interval even if the law leaves little of the cause",
         "hidden.rs",
         "const FAR: f64 = 7.0;",
         "const FAR: f64 = f64::INFINITY;",
     ),
     one(
-        "a poorly determined cause becomes an assumption and widens nothing",
+        "a poorly determined cause is reported as an assumption instead of widening the interval",
         "hidden.rs",
         "pub const TOLD: f64 = 1.6;",
         "pub const TOLD: f64 = 1e9;",
     ),
     tested(
         "in_a_tone_inertance_rests_on_a_position_that_does_not_give_way",
-        "a position that gives way may be assumed",
+        "a position that yields to the force counts among the causes too small to be named",
         "candidate.rs",
         "all.push(Self::Bent);",
         "",
     ),
     one(
-        "a skew and what acts at the reversals widen nothing",
+        "a skew and friction that acts at the reversals widen no interval",
         "hidden.rs",
         "!matches!(kind, Kind::Skew | Kind::Stribeck | Kind::Presliding)",
         "kind != Kind::Structure",
     ),
     one(
-        "repeated steps count in the chance variation",
+        "repeated encoder steps count in full in the chance variation",
         "hidden.rs",
         "f64::from(patterns.next().unwrap_or(1.0)) * steps",
         "f64::from(patterns.next().unwrap_or(1.0).min(1.0)) * steps",
@@ -275,27 +285,35 @@ fn line(name: &str, whole: &Counts, without: &Counts, test: Option<&str>) -> Res
             None => format!("{before} to {after}"),
         });
     }
-    Ok(format!("| {name} | {} | {} |", cells.join(" | "), buys(&lost, test)))
+    Ok(format!("| {name} | {} | {} |", cells.join(" | "), contributes(&lost, test)))
 }
 
-const HEAD: &str = "# Ablation of the host's judgement
+const HEAD: &str = "# Ablation of the host's diagnosis
 
-`cargo xtask ablation --host --update` writes this table: `diagnose` and what `replay` makes of the
-intervals, without one part of them at a time, on the same runs as with it
-(`tests/src/measure/ablation_host.rs`: four motions, a seed that no other table has). A copy of the
-tree is edited and built (`host-tools/xtask/src/ablation/host.rs`).
+Written by `cargo xtask ablation --host --update`. Each row compares `diagnose`, and the intervals
+of `replay`, without one part with the complete program, on the same runs
+(`tests/src/measure/ablation_host.rs`: four motions, a seed that no other table uses). For each row
+a copy of the tree is edited and built (`host-tools/xtask/src/ablation/host.rs`). Where a column has
+two figures, the first is with the part, the second without it.
 
-- *first*: faults that are named before any other cause; *sized*: with a size right to 10 % as well.
-  *right*: of the parameters that are given with the causes included in those runs, those within their
-  intervals [%]. *wrong*: runs whose first cause is none, with or without a fault.
-- *outside*: of the parameters given in runs without any message, with a true or nearly true law,
-  those whose truth lies outside the interval by the samples [%]; *unsaid*: those of them that are
-  not reported to assume the absence of the fault either. *assumed*: those that are said to rest on
-  anything. *width*: these intervals without the part over those with it, geometric mean.
-- *buys*: what is lost without it. Where that is nothing here, the part is a candidate to be left out,
-  or these runs lack what it is for: slow motion, other rates and rotary machines are not among them.
+- *first*: runs whose fault is named before any other cause. *sized*: those of them whose size is
+  right to 10 %. *right*: of the parameters that these runs give with the causes included, those
+  within their intervals [%].
+- *wrong*: runs whose first named cause is not present, with or without a fault.
+- *outside*, *unreported*, *assumed* and *width* are of runs with a true or nearly true law in which
+  no cause and no broken law is reported. *outside*: parameters whose true value is outside the
+  interval from the samples [%]. *unreported*: those for which the absence of the fault is not
+  listed as an assumption either [% of all]. *assumed*: parameters for which any assumption is
+  listed [%]. *width*: the intervals from the samples without the part over those with it, geometric
+  mean.
+- *contributes*: what gets worse without the part. *names*: fewer faults are named first. *sizes*:
+  fewer sizes are right. *honesty*: fewer parameters are within their intervals, or more are outside
+  or unreported. *no false names*: more causes are wrong. *fewer assumptions*: more parameters have
+  one. *sharpness*: wider intervals. Small changes may be chance and do not count (`WIDER` and
+  `BY_CHANCE` in `host.rs`). *nothing in these runs*: the part may be superfluous, or these runs
+  lack the case that it is for: slow motion, other rates and rotary machines are not among them.
 
-| without | first | sized | right % | wrong | outside % | unsaid % | assumed % | width | buys |
+| without this part | first | sized | right % | wrong | outside % | unreported % | assumed % | width | contributes |
 |---|--:|--:|--:|--:|--:|--:|--:|--:|---|
 ";
 
@@ -319,7 +337,7 @@ mod tests {
         };
         let whole = counted(40, 80, 1, 5, 1.2);
         let told = |without| line("x", &whole, &without, None).unwrap();
-        assert!(told(counted(39, 80, 2, 6, 1.21)).ends_with("| **nothing here** |"));
+        assert!(told(counted(39, 80, 2, 6, 1.21)).ends_with("| **nothing in these runs** |"));
         let worse = told(counted(30, 60, 4, 20, 1.5));
         assert!(worse.ends_with("| names, honesty, no false names, sharpness |"), "{worse}");
         assert!(worse.contains("| 40 to 30 |") && worse.contains("| 5.0 to 20.0 |") && worse.contains("| 1.25 |"));

@@ -65,9 +65,12 @@ impl Kept {
 
     fn markdown(&self) -> String {
         let mut text = format!(
-            "# Fuzzed so far\n\nWritten by `cargo xtask fuzz --keep`, which adds each run to the row of its target. *edges* are those of the \
-             last run, after half of its time and at its end, in a row *our crates* (`--ours`) those of our crates alone; *findings* counts the runs that ended with one; *commit* is the tree of the \
-             last run; with `-dirty` it had changes besides.\n\n{} inputs in all.\n\n\
+            "# Fuzzed so far\n\n\
+             Written by `cargo xtask fuzz --keep`, which adds each run to the row of its target. *samples* are\n\
+             those that the target processed, if it counts them. *edges* are those that the last run had found\n\
+             after half of its time and at its end. A row with *our crates* is of runs with `--ours`, and counts\n\
+             the edges of our crates alone. *findings* is the number of runs that ended with one. *commit* is the\n\
+             tree of the last run; `-dirty` means that it also had uncommitted changes.\n\n{} inputs in all.\n\n\
              | target | inputs | samples | time s | edges at half time | at the end | findings | commit |\n\
              |---|--:|--:|--:|--:|--:|--:|---|\n",
             self.0.values().map(|figures| figures.inputs).sum::<u64>()

@@ -55,10 +55,13 @@ impl Kept {
     fn markdown(&self) -> String {
         let Self { hours, rows } = self;
         format!(
-            "# Soaked so far\n\nWritten by `cargo xtask soak --hours H --keep`, which adds portions of {PORTION_H} h at most until H hours stand \
-             here. All programs begin anew with each. *samples* and *lost* are of all recordings, frames among what is lost; *grown* is the \
-             process that grew most after its first minute, *apart* how far samples and the host's clock were apart at most; *commit* is the \
-             tree that was soaked; with `-dirty` it had changes besides.\n\n{hours:.2} hours in all.\n\n\
+            "# Soaked so far\n\n\
+             Written by `cargo xtask soak --hours H --keep`, which adds portions of at most {PORTION_H} h until\n\
+             the hours in this table reach H. All programs restart with each portion. *samples* and *lost* are\n\
+             totals over all recordings; *lost* counts samples and frames. *grown* is the largest growth of any\n\
+             process after its first minute. *apart* is the largest difference between the samples and the host's\n\
+             clock, without the twin, which does not run in real time. *commit* is the tree that was tested;\n\
+             `-dirty` means that it also had uncommitted changes.\n\n{hours:.2} hours in all.\n\n\
              | commit | hours | samples | lost | grown % | apart s |\n|---|--:|--:|--:|--:|--:|\n{rows}"
         )
     }

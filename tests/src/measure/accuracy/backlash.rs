@@ -71,7 +71,7 @@ pub fn section(rig: &Instruments, seeds: u64) -> Result<Section> {
         let known = stiffness.bias.abs().max(stiffness.sigma) <= STIFFNESS_GOAL;
         if !motion.is_slow() && !known {
             misses.push(format!(
-                "{name}: ks {} %, {} % against {} %",
+                "{name}: ks bias {} %, sigma {} %; goal {} %",
                 significant(100.0 * stiffness.bias),
                 significant(100.0 * stiffness.sigma),
                 100.0 * STIFFNESS_GOAL
@@ -84,7 +84,10 @@ pub fn section(rig: &Instruments, seeds: u64) -> Result<Section> {
         holds = false;
     }
     let text = format!(
-        "{by_force}{by_sensor}\nOf {given} values that were given, {wrong} lie farther from the truth than their interval: {:.2} %; at most {} % is wanted.\n",
+        "{by_force}{by_sensor}
+In {wrong} of {given} values the interval does not contain the true value: {:.2} %. The goal is at
+most {} %.
+",
         100.0 * part_wrong,
         100.0 * MOST_WRONG
     );
@@ -113,11 +116,11 @@ fn cells(motion: &Motion, backlash_m: f64, column: &Column, goal: Option<(f64, f
 /// Describes by how much a goal is missed.
 fn missed(column: &Column, goal: Option<(f64, f64)>) -> Option<String> {
     let (bias, sigma) = goal?;
-    let figures = format!("{} um, {} um", significant(column.bias * MICRO), significant(column.sigma * MICRO));
+    let [found_bias, found_sigma] = [column.bias, column.sigma].map(|found| significant(found * MICRO));
     if column.given == 0 {
         Some("no value".into())
     } else if column.bias.abs() > bias || column.sigma > sigma {
-        Some(format!("bias and sigma {figures} against {:.1}, {:.1}", bias * MICRO, sigma * MICRO))
+        Some(format!("bias {found_bias}, sigma {found_sigma}; goals {:.1}, {:.1} um", bias * MICRO, sigma * MICRO))
     } else {
         None
     }
