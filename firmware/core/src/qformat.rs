@@ -12,9 +12,9 @@
 //! | equilibrated matrix, pivots | `i64`, Q62 | 2^-62 | [1/2, 2) on the diagonal | see `ldl` |
 //! | factors, solution | `i64`, Q50 | 2^-50 | +-2^12 | a pivot above 2^-20 bounds them by 2^11 |
 //!
-//! Right shifts round half up; [`mul_shift`] and [`scale`] round down. Regressors are rounded half to even, except those
-//! of the force: with few dropped bits many values are ties, and half up would add a bias that does not average out. All
-//! left shifts are checked by the caller's choice of format.
+//! Right shifts round half up; [`mul_shift`] and [`scale`] round down. Regressors are rounded half to even, except
+//! those of the force: with few dropped bits many values are ties, and half up would add a bias that does not average
+//! out. All left shifts are checked by the caller's choice of format.
 
 /// A normalised regressor, full scale +-(2^31 - 1).
 pub type Regressor = i32;

@@ -43,15 +43,15 @@ const ALIKE: (f32, f32) = (0.35, 1.3);
 /// 0.15 to 1.6, presliding 0.06.
 const STRIBECK: f32 = 0.1;
 const MOVED: f32 = constants::MOVED as f32;
-/// Error of Coulomb friction per residual beyond which friction outside the law could hide in the other parameters: 28 at 15.9
-/// Hz, where only the beginning of a steady tone distinguishes Coulomb from viscous friction, and over 6 from 1.2 s on;
-/// under 5 for the other motions of the grid.
+/// Error of Coulomb friction per residual beyond which friction outside the law could hide in the other parameters: 28
+/// at 15.9 Hz, where only the beginning of a steady tone distinguishes Coulomb from viscous friction, and over 6 from
+/// 1.2 s on; under 5 for the other motions of the grid.
 const HIDDEN: f32 = 6.0;
 /// Spring of a creeping screw mistaken for inertance, per share in friction and `fc` over the rms of the acceleration.
 const SPRING: f32 = 0.6;
-/// How far a parameter may be off where the law is broken, per error that all of the unexplained residual would cause if
-/// it resembled its regressor: the other parameters absorb part of what breaks the law. Load-dependent friction reaches
-/// 3.1.
+/// How far a parameter may be off where the law is broken, per error that all of the unexplained residual would cause
+/// if it resembled its regressor: the other parameters absorb part of what breaks the law. Load-dependent friction
+/// reaches 3.1.
 const REACH: f32 = 3.1;
 /// Fraction of the force's mean square that impacts do not leave, as they act on the screw as well: they leave less
 /// than 3 % of its rms even at a gap of 3 mm.
@@ -378,8 +378,8 @@ mod tests {
         }
     }
 
-    /// By hand: all of the unexplained residual would move the parameters by 0.17, 28 and 2.6 per newton. Twice what they
-    /// move by and the part that resembles a regressor add by squares; the spring of a creeping screw moves the
+    /// By hand: all of the unexplained residual would move the parameters by 0.17, 28 and 2.6 per newton. Twice what
+    /// they move by and the part that resembles a regressor add by squares; the spring of a creeping screw moves the
     /// inertance.
     #[test]
     fn errors_are_what_moves_and_what_resembles_a_regressor() {

@@ -413,7 +413,8 @@ pub fn apart(gap_m: f32, frequency_squared: f32, acceleration_squared: f32) -> f
 mod tests {
     use super::*;
 
-    /// A structure of 30 kg behind a contact of 2 MN/m, known to 0.1 MN/m: 25 nm/N of its compliance. Its lag is 0.6 ms.
+    /// A structure of 30 kg behind a contact of 2 MN/m, known to 0.1 MN/m: 25 nm/N of its compliance. Its lag is
+    /// 0.6 ms.
     fn settings() -> Settings {
         Settings {
             skew_u95_s: 2e-5,
@@ -455,8 +456,8 @@ mod tests {
         near(of(&Settings { stiffness_u95_n_per_m: 0.0, ..settings() }), 1.6e-3 + 2.25e-14 * 9e8, "not stated");
     }
 
-    /// `m (curvature's + 2 lag w^2 skew's) u(1/k)` for friction, where the compliance is no less known than by a natural
-    /// frequency of 5 Hz, or of the motion: 1.5 over `mt w0^2`.
+    /// `m (curvature's + 2 lag w^2 skew's) u(1/k)` for friction, where the compliance is no less known than by a
+    /// natural frequency of 5 Hz, or of the motion: 1.5 over `mt w0^2`.
     #[test]
     fn a_wrong_compliance_is_in_the_friction_by_the_structure() {
         let found = Found { value: 40.0, error: 0.4, per_skew: 2e3, steps: 0.0 };
@@ -478,8 +479,8 @@ mod tests {
         assert_eq!(parts(&Settings { structure_mass_kg: 0.0, ..unknown }, 500.0), [0.0; 2]);
     }
 
-    /// The structure's mass where it follows the screw and where flanks hide it; and what the contact's stretch makes of
-    /// it, at most 1.5 times that mass.
+    /// The structure's mass where it follows the screw and where flanks hide it; and what the contact's stretch makes
+    /// of it, at most 1.5 times that mass.
     #[test]
     fn a_structure_is_in_the_inertance_as_it_moves() {
         let found = Found { value: -300.0, error: 0.4, per_skew: 0.0, steps: 0.0 };

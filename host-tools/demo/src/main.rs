@@ -1,9 +1,9 @@
 //! The demonstration: a simulated inerter on a shaker, measured by the firmware image in QEMU.
 //!
-//! The paper's device is moved as in the paper's three tests and by a random motion, then a worn one. Each run boots the
-//! image again, shows the estimates as they come, records every frame, and replays the recording on this machine: every
-//! estimate must be the same to the bit. It ends with a page for each run and an index of them. `cargo xtask demo`
-//! builds what this needs; `--speed X` plays X times as fast, `--output FOLDER` writes there.
+//! The paper's device is moved as in the paper's three tests and by a random motion, then a worn one. Each run boots
+//! the image again, shows the estimates as they come, records every frame, and replays the recording on this machine:
+//! every estimate must be the same to the bit. It ends with a page for each run and an index of them. `cargo xtask
+//! demo` builds what this needs; `--speed X` plays X times as fast, `--output FOLDER` writes there.
 
 use std::{
     io::{IsTerminal, Write as _, stdout},

@@ -126,7 +126,6 @@ pub enum SelfTestError {
     #[error("the page {page} and its JSON file {json} would be one file", page = page.display(), json = json.display())]
     #[diagnostic(code(inerter::selftest::same_name), help("give the page another ending, such as .html"))]
     SameName {
-        /// The page.
         page: PathBuf,
         /// The JSON file beside it.
         json: PathBuf,
@@ -151,7 +150,6 @@ pub enum DialogueError {
     #[error("`{text}` is not a number {known}")]
     #[diagnostic(code(inerter::calibrate::answer), help("write for example 4.998 or 4,998"))]
     Answer {
-        /// The answer.
         text: String,
         /// The accepted answers.
         known: String,

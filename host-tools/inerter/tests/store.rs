@@ -479,7 +479,8 @@ fn a_row_that_is_too_long_is_told_and_not_read() {
     };
     assert_told();
     assert!(fs::read(&file).unwrap() == before);
-    // 64 GB that take no space on the disk, and that nobody reads to the end in this time. Windows would need the space.
+    // 64 GB that take no space on the disk, and that nobody reads to the end in this time. Windows would need the
+    // space.
     if cfg!(unix) {
         const LENGTH: u64 = 1 << 36;
         write(&file, b"");

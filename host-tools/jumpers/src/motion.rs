@@ -140,9 +140,10 @@ impl Wanted {
             let (value, u95) = (f64::from(value), f64::from(u95));
             (value - truth).abs() <= u95 + beyond * truth && u95 <= widest * truth
         });
-        let cause =
-            (!good).then_some("every part is good, but the result of the board is not: please send this page to us");
-        let expected = format!("{truth} {unit}, within the interval and {} %", beyond * 100.0);
+        let cause = (!good).then_some(
+            "each part passed, but the board's result is wrong or too uncertain: please report it with this page",
+        );
+        let expected = format!("{truth} {unit}, within the interval plus {} %", beyond * 100.0);
         let found = found.map_or("no value".into(), |Interval { value, u95 }| format!("{value:.2} +- {u95:.2} {unit}"));
         Check::new(name, expected, found, cause)
     }

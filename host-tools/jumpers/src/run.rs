@@ -137,7 +137,7 @@ fn burst(board: &mut impl Board, report: &mut Report) -> Judged<()> {
     let played = f64::from(recording.edges);
     let (wanted, lost) = (f64::from(BLOCKS) * 256.0, played - counted);
     let cause = if played != wanted {
-        Some("the burst was not played completely: please send this page to us")
+        Some("the burst was not played completely: please report it with this page")
     } else {
         (lost != 0.0).then_some("edges are lost at the highest rate: shorten the wires to A and B")
     };

@@ -8,9 +8,9 @@
 //!
 //! Contact: `F = ks (d - chi eps/2) + cs d'`, `chi = sgn d`, while `abs(d) > eps/2`, otherwise `F = 0`, implemented
 //! literally. So the force jumps by `cs d'` where the flanks meet, and just before they part it pulls for a
-//! moment (`cs d'` outweighs the spring), as a linear spring and damper do. The spring is relaxed at both jumps, so energy is
-//! conserved; the damper's dissipation is counted while the flanks touch. `d'` is continuous, so the flanks cannot part
-//! and meet again at once. Without backlash contact never ends and can pull as well as push.
+//! moment (`cs d'` outweighs the spring), as a linear spring and damper do. The spring is relaxed at both jumps, so
+//! energy is conserved; the damper's dissipation is counted while the flanks touch. `d'` is continuous, so the flanks
+//! cannot part and meet again at once. Without backlash contact never ends and can pull as well as push.
 //!
 //! Unilateral contact can only push: when the force would begin to pull, it becomes zero and the flanks part; they meet
 //! again when it would push. The energy left in the spring when they part is dissipated in the flank. Without backlash

@@ -134,7 +134,8 @@ impl Store {
         })
     }
 
-    /// Rows of a batch as JSON, by the names of the runs. Only one is parsed here at a time: parsed values take many times as much memory.
+    /// Rows of a batch as JSON, by the names of the runs. Only one is parsed here at a time: parsed values take many
+    /// times as much memory.
     fn results(&self, py: Python<'_>, batch: String) -> PyResult<Vec<String>> {
         self.work(py, move |store| {
             let mut rows = BTreeMap::new();

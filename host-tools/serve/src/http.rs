@@ -113,8 +113,8 @@ async fn serve(listener: &TcpListener, router: &Router) {
     }
 }
 
-/// Answers one request on a connection, within five seconds. If it answered more, a client that does not read could make
-/// answers pile up; a malformed request behind them then fails a debug assertion of hyper.
+/// Answers one request on a connection, within five seconds. If it answered more, a client that does not read could
+/// make answers pile up; a malformed request behind them then fails a debug assertion of hyper.
 pub async fn serve_connection(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
     let router = router.layer(middleware::map_response(last));
     let connection =

@@ -4,8 +4,8 @@ use serde_json::{Value, json};
 
 use crate::{error::StoreError, place::Place};
 
-/// Maximum length of a result as JSON \[bytes\]. Most have some tens of kilobytes; `identify` gives the response at each
-/// frequency, and for a long recording at 5 kHz up to 10 MB.
+/// Maximum length of a result as JSON \[bytes\]. Most have some tens of kilobytes; `identify` gives the response at
+/// each frequency, and for a long recording at 5 kHz up to 10 MB.
 pub(crate) const LONGEST_RESULT: usize = 16 << 20;
 
 /// The outcome of one run in a batch.

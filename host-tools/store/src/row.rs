@@ -14,7 +14,8 @@ use crate::place::Place;
 /// Columns that hold objects: objects in JSON, text in the table.
 pub const OBJECTS: [&str; 2] = ["settings", "truth"];
 
-/// Maximum length of a row as JSON \[KB\]: ours have some kilobytes, and what is parsed takes many times as much memory.
+/// Maximum length of a row as JSON \[KB\]: ours have some kilobytes, and what is parsed takes many times as much
+/// memory.
 pub(crate) const LONGEST_ROW_KB: usize = 256;
 /// The same \[bytes\].
 pub(crate) const LONGEST_ROW: usize = LONGEST_ROW_KB << 10;

@@ -70,8 +70,8 @@ pub struct Damage {
     pub run: String,
     /// The file, from the root of the store.
     pub file: String,
-    /// `missing`, `changed`, `unreadable`, `oversized` (a row that is too long or has too many columns), `unfinished` (a
-    /// run whose adding or removal was interrupted) or `foreign` (not ours).
+    /// `missing`, `changed`, `unreadable`, `oversized` (a row that is too long or has too many columns), `unfinished`
+    /// (a run whose adding or removal was interrupted) or `foreign` (not ours).
     pub problem: &'static str,
 }
 

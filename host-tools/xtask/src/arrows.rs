@@ -160,7 +160,10 @@ fn arrow_faults(workspace: &Workspace) -> Vec<String> {
     let mut faults = Vec::new();
     for member in &workspace.members {
         let Some(law) = law_of(member) else {
-            faults.push(format!("{}: this member has no law; add it to the table", member.name));
+            faults.push(format!(
+                "{}: this crate has no entry in the table of allowed dependencies; add one",
+                member.name
+            ));
             continue;
         };
         for used in &member.uses {
@@ -188,7 +191,7 @@ fn law_of(member: &Member) -> Option<&'static Law> {
 /// Laws whose member is gone.
 fn missing_faults(workspace: &Workspace) -> Vec<String> {
     let gone = LAWS.iter().filter(|law| workspace.member(law.member).is_none());
-    gone.map(|law| format!("{}: this law has no member; remove it from the table", law.member)).collect()
+    gone.map(|law| format!("{}: this entry names no crate; remove it", law.member)).collect()
 }
 
 /// Packages that a member must not pull in, on any system.
@@ -269,7 +272,7 @@ mod tests {
         let faults = arrow_faults(&workspace);
         assert_eq!(faults.len(), 2, "{faults:?}");
         assert!(faults.iter().any(|fault| fault == "inerter-core uses inerter-plant; it may use: none of ours"));
-        assert!(faults.iter().any(|fault| fault.starts_with("stray: this member has no law")));
+        assert!(faults.iter().any(|fault| fault.starts_with("stray: this crate has no entry")));
 
         let faults = memory_faults(&fixture.0, &fixture.0.join("target")).unwrap();
         assert_eq!(faults.len(), 1);
@@ -290,7 +293,7 @@ mod tests {
         assert!(faults[0].starts_with("inerter-tests uses in its tests inerter-qemu"));
         let missing = missing_faults(&workspace);
         assert_eq!(missing.len(), LAWS.len() - 3);
-        assert!(missing[0].starts_with("inerter-wire: this law has no member"));
+        assert!(missing[0].starts_with("inerter-wire: this entry names no crate"));
     }
 
     #[test]

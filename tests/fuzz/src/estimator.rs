@@ -33,8 +33,8 @@ const TELL: u64 = 1 << 20;
 /// The same for the number of mirrored values.
 const TELL_MIRRORED: u64 = 1 << 16;
 /// Relative interval below which an inertance is not at the margin of what its motion can identify: a tenth of what the
-/// estimator itself accepts. Where the encoder's steps are nearly too much of the acceleration, the interval is as large
-/// as the value.
+/// estimator itself accepts. Where the encoder's steps are nearly too much of the acceleration, the interval is as
+/// large as the value.
 const NARROW: f32 = 0.05;
 
 /// Motions of the plant at 1 kHz: name, start [s] and backlash [m]. The last two have backlash and a terminal sensor.

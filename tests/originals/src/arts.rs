@@ -1,4 +1,5 @@
-//! ARTS: `{"data": [[time, displacement, friction force, ..], ..]}` in seconds, inches and kip, as their repository says.
+//! ARTS: `{"data": [[time, displacement, friction force, ..], ..]}` in seconds, inches and kip, as their repository
+//! says.
 
 use crate::samples::{Error, Row};
 use serde_json::Value;

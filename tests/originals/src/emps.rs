@@ -1,5 +1,5 @@
-//! EMPS: `DATA_EMPS.mat`, a MATLAB file (level 5) with the vectors `t` \[s\], `qm`, the position \[m\], and `vir`, the control signal
-//! \[V\], and the number `gtau`, the drive's gain \[N/V\].
+//! EMPS: `DATA_EMPS.mat`, a MATLAB file (level 5) with the vectors `t` \[s\], `qm`, the position \[m\], and `vir`, the
+//! control signal \[V\], and the number `gtau`, the drive's gain \[N/V\].
 
 use crate::samples::{Error, Row};
 use matfile::{MatFile, NumericData};

@@ -1,11 +1,13 @@
 //! Lodz: the servo's log and that of the measuring card, each on a clock of its own, started by hand.
 //!
-//! - *Servo* (`.._mr.csv`, Mitsubishi's MR Configurator): five lines of heading, then time \[ms\], motor speed \[rpm\], and more.
-//! - *Card* (`.._ni.csv`, National Instruments' DAQExpress): timestamp, interval \[s\], names `F` and `x` and units of the channels,
-//!   then time, force \[V\], time, potentiometer \[V\].
+//! - *Servo* (`.._mr.csv`, Mitsubishi's MR Configurator): five lines of heading, then time \[ms\], motor speed \[rpm\],
+//!   and more.
+//! - *Card* (`.._ni.csv`, National Instruments' DAQExpress): timestamp, interval \[s\], names `F` and `x` and units of
+//!   the channels, then time, force \[V\], time, potentiometer \[V\].
 //!
-//! Position is the integral of the servo's speed. The potentiometer shows the same motion on the card's clock, coarsely: the
-//! servo's clock is moved until both agree best. Time starts with the first sample of the card that both have.
+//! Position is the integral of the servo's speed. The potentiometer shows the same motion on the card's clock,
+//! coarsely: the servo's clock is moved until both agree best. Time starts with the first sample of the card that both
+//! have.
 
 use crate::samples::{Error, Row};
 
@@ -99,8 +101,8 @@ pub fn card(bytes: &[u8]) -> Result<Card, Error> {
     Ok(Card { force_n, position: Series { interval_s, values } })
 }
 
-/// How far the positions are from each other while the card's clock shows so much more than the servo's: the variance, as both zeros
-/// are free \[m^2\].
+/// How far the positions are from each other while the card's clock shows so much more than the servo's: the variance,
+/// as both zeros are free \[m^2\].
 fn misfit(servo: &Series, potentiometer: &Series, later_s: f64) -> f64 {
     let count = potentiometer.values.len() as f64;
     let (mut sum, mut squares) = (0.0, 0.0);

@@ -1,4 +1,5 @@
-//! Small originals in the published formats, through the program's whole way. `emps.mat` was written by scipy 1.17, compressed.
+//! Small originals in the published formats, through the program's whole way. `emps.mat` was written by scipy 1.17,
+//! compressed.
 
 use std::{fs, path::PathBuf};
 

@@ -291,7 +291,8 @@ mod tests {
         settings.validate().unwrap().backlash
     }
 
-    /// So many reversals, half of them so far above and half so far below what they have in common; each by its own noise.
+    /// So many reversals, half of them so far above and half so far below what they have in common; each by its own
+    /// noise.
     fn sums(accepted: u32, apart: i128, own_noise: i128) -> Sums {
         const WEIGHT: i128 = 3000;
         let each = [1, WEIGHT, 0, apart * apart, 0, 0, 0, own_noise];

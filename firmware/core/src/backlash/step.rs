@@ -401,8 +401,8 @@ mod tests {
         left
     }
 
-    /// Of a reach of 17 bits the residual may have 4096 units. This one has `noise^2` times the 50 entries over their 41
-    /// degrees of freedom: 3709 units is the limit.
+    /// Of a reach of 17 bits the residual may have 4096 units. This one has `noise^2` times the 50 entries over their
+    /// 41 degrees of freedom: 3709 units is the limit.
     #[test]
     fn a_residual_too_large_for_its_variance_is_refused() {
         let variance = |noise: i32| {
@@ -418,8 +418,8 @@ mod tests {
         assert_eq!(variance(3800), None);
     }
 
-    /// Every figure of a window is that of the least squares in f64, and a window is refused where the check's two degrees
-    /// explain more than 8 variances, or the residual is more than a count and twice the stretch's noise.
+    /// Every figure of a window is that of the least squares in f64, and a window is refused where the check's two
+    /// degrees explain more than 8 variances, or the residual is more than a count and twice the stretch's noise.
     #[test]
     fn a_window_is_fitted_as_in_f64_and_refused_by_its_residual() {
         let mut numbers = Random(11);

@@ -257,8 +257,8 @@ fn values(settings: &Settings, samples: &[RawSample]) -> [f64; 3] {
 /// Gives a setting an error of its half width, in either direction.
 type Wrong = fn(&mut Settings, f64);
 
-/// Greatest error of a part that does not matter, in half widths of the whole interval: adding or leaving it out changes
-/// the interval by 3 %.
+/// Greatest error of a part that does not matter, in half widths of the whole interval: adding or leaving it out
+/// changes the interval by 3 %.
 const BESIDE: f64 = 0.25;
 
 /// A setting with an error of its half width moves each parameter by its share of the budget, for all sources that the
@@ -270,8 +270,8 @@ const BESIDE: f64 = 0.25;
 ///
 /// - Gain alone, 0.4 %, makes the interval of `mt` 1.2 kg at least, and that of `fc` 0.2 N. Skew, `tau mt w^2`, makes
 ///   that of `cf` 7 N s/m.
-/// - Lead and timebase scale `a` and `v`, but not the sign of `v`: `fc` does not move. By timebase `cf` moves by 0.07 %,
-///   0.02 N s/m.
+/// - Lead and timebase scale `a` and `v`, but not the sign of `v`: `fc` does not move. By timebase `cf` moves by
+///   0.07 %, 0.02 N s/m.
 /// - Skew adds `tau F'`, in which `cf a` moves `mt` by `tau cf`, 0.0003 kg.
 /// - Structure, 0.3 kg, acts on `cf` and `fc` through its stretch alone: `w^4 mt cs / ks^2` of it is 0.4 N s/m. A
 ///   friction that reverses 18 times a second through a kernel of 16 ms has a mean square slope of 2100/s^2, and

@@ -27,8 +27,8 @@ pub(super) struct MarkerJson {
 /// One message.
 #[derive(Debug)]
 pub(super) enum Message {
-    /// Bytes of the stream ([`Messages::bytes`]), as received at host time `time_ns`; `part` changes when another stream
-    /// begins.
+    /// Bytes of the stream ([`Messages::bytes`]), as received at host time `time_ns`; `part` changes when another
+    /// stream begins.
     Raw { time_ns: u64, part: u16 },
     /// A remark made at that time.
     Marker { time_ns: u64, text: String },

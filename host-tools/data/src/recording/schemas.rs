@@ -103,7 +103,7 @@ fn estimate() -> Value {
         "band_hz": {"type": "array", "items": {"type": "number"}, "description": "band in which the inertance was measured [Hz]"},
         "contact": text("unknown, one_sided, closed, backlash or bouncing"),
         "friction": {"type": "object", "properties": {
-            "reversal_ratio": number("observed part of the kink that Coulomb friction gives the velocity at a reversal; 1 is all of it"),
+            "reversal_ratio": number("kink observed in the velocity at reversals, as a fraction of the kink that Coulomb friction would cause"),
             "regime": text("unknown, coulomb, presliding or stribeck"),
         }},
         "law": {"type": "object", "properties": {

@@ -1,7 +1,7 @@
 //! Writes a recording such that whatever was written can be read, whatever happens.
 //!
-//! The file ends with an index of its chunks. Until then it is kept in memory: 1.5 MB for each hour of a live recording,
-//! whatever its rate.
+//! The file ends with an index of its chunks. Until then it is kept in memory: 1.5 MB for each hour of a live
+//! recording, whatever its rate.
 
 use std::{collections::BTreeMap, io, path::Path};
 

@@ -490,8 +490,8 @@ pub fn throughput(heard: &Streamed) -> [Check; 5] {
         ),
         // The board counts them together, and says which kind it was once only, possibly long ago.
         Check::range("overruns", "Sampler overruns since the start", "", 0.0..=0.0, overruns, |_| {
-            "a DMA transfer was lost, samples were overwritten before they were read, or another trigger than the \
-             sampling clock starts the converters, which the test with jumpers tells: please report it"
+            "a DMA transfer was lost, samples were overwritten before they were read, or a trigger other than the \
+             sampling clock starts the converters (the test with jumpers shows whether): please report it"
         }),
         Check::range(
             "throughput",

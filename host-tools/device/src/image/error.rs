@@ -7,8 +7,8 @@ use miette::Diagnostic;
 use crate::board::{CODE, SETTINGS};
 
 /// How to get the right file.
-const BUILD: &str = "give the ELF that `cargo build --release` makes in firmware/stm32g474: \
-                     target/thumbv7em-none-eabihf/release/inerter-stm32g474";
+const BUILD: &str = "give a release's inerter-firmware-VERSION-BOARD.elf, or the ELF that `cargo build --release` \
+                     makes in firmware/stm32g474: target/thumbv7em-none-eabihf/release/inerter-stm32g474";
 
 /// Why a file cannot be the board's firmware.
 #[derive(Debug, thiserror::Error, Diagnostic)]

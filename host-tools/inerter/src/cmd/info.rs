@@ -29,8 +29,9 @@ use crate::Error;
 /// long the recording.
 ///
 /// With --json one object: {"kind":"recording","file":..,"ending":"closed"|"cut_off"|"damaged","duration_s":..,
-/// "samples":..,"discontinuities":..,"frames":..,"lost_frames":..,"damaged_frames":..,"device":{..},"settings":{..},"calibration":{..},"truth":{..},
-/// "estimate":{..}}, or {"kind":"csv","file":..,"sample_rate_hz":..,"samples":..,"discontinuities":..}.
+/// "samples":..,"discontinuities":..,"frames":..,"lost_frames":..,"damaged_frames":..,"device":{..},"settings":{..},
+/// "calibration":{..},"truth":{..},"estimate":{..}}, or {"kind":"csv","file":..,"sample_rate_hz":..,"samples":..,
+/// "discontinuities":..}.
 #[derive(clap::Args)]
 pub struct Args {
     /// Recording (.mcap) or CSV file

@@ -60,11 +60,12 @@ const HEALTH: Duration = Duration::from_secs(2);
 
 /// Test a board (chip, clocks, supply, noise, flash, watchdog, restart, update mode) and write a report.
 ///
-/// Most of it needs no wires. With four jumpers between the board's outputs and inputs (docs/HARDWARE.md) it also plays
-/// a simulated inerter to itself and measures it, with nothing else connected: confirm that with --rig-unplugged or
-/// when asked. The board's settings are backed up to a file first and restored at the end, also after Ctrl-C and after
-/// an error. The board restarts three times; over its own USB connector it also goes into update mode and back, without
-/// being written to. Each line is a check with the result and the expected range; if one fails, with its likely cause.
+/// Most of it needs no wires. With four jumpers between its outputs and inputs (docs/HARDWARE.md) the board also
+/// generates the signals of a simulated inerter and measures them through its own inputs. Nothing else may be
+/// connected: confirm that with --rig-unplugged or when asked. The board's settings are backed up to a file first and
+/// restored at the end, also after Ctrl-C and after an error. The board restarts three times; over its own USB
+/// connector it also goes into update mode and back, without being written to. Each line is a check with the result and
+/// the expected range; if one fails, with its likely cause.
 ///
 /// -o writes a report page, and beside it a JSON file and the backup, to be passed on. Without it the backup is
 /// selftest.settings.toml in the current folder. An earlier backup is never replaced: the next one is named

@@ -71,8 +71,8 @@ pub struct Args {
     /// Start the motion only when a host connects with monitor or record
     #[arg(long, conflicts_with_all = ["output", "qemu"])]
     wait: bool,
-    /// Apply the loads and motions given on standard input, one per line: load NEWTONS, mass KG, move METRES, turn REVOLUTIONS,
-    /// shake MOTION
+    /// Apply the loads and motions given on standard input, one per line: load NEWTONS, mass KG, move METRES, turn
+    /// REVOLUTIONS, shake MOTION
     #[arg(long, conflicts_with_all = ["output", "wait", "change_at"])]
     bench: bool,
     /// Force on the load cell in addition to the motion, such as a weight's

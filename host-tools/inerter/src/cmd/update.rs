@@ -19,11 +19,12 @@ use crate::Error;
 
 /// Load new firmware onto a device over its own USB connector.
 ///
-/// The file is the ELF that `cargo build --release` makes in firmware/stm32g474, or its plain bytes (.bin). The device
-/// is asked to enter its update mode (the chip's DFU), only the pages of the image are erased and written, everything
-/// is read back, and the device is asked what it now runs. Settings and calibration are kept. If the update is
-/// interrupted for any reason, the same command completes it; a device already in update mode is used as it is. With
-/// --json one object: {"kind":"updated","file":..,"firmware":..,"git":..,"board":..,"serial":..,"port":..}.
+/// The file is a release's inerter-firmware-VERSION-BOARD.elf, the ELF that `cargo build --release` makes in
+/// firmware/stm32g474, or the plain bytes of either (.bin). The device is asked to enter its update mode (the chip's
+/// DFU), only the pages of the image are erased and written, everything is read back, and the device is asked what it
+/// now runs. Settings and calibration are kept. If the update is interrupted for any reason, the same command completes
+/// it; a device already in update mode is used as it is.
+/// With --json one object: {"kind":"updated","file":..,"firmware":..,"git":..,"board":..,"serial":..,"port":..}.
 #[derive(clap::Args)]
 pub struct Args {
     /// Firmware image: ELF or .bin

@@ -31,7 +31,7 @@ impl Point {
     }
 }
 
-/// One estimate.
+/// What is kept of an estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
     /// When \[s\].

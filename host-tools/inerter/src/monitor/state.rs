@@ -37,7 +37,6 @@ pub enum Tab {
     Parameters,
     /// Losses and health.
     Health,
-    /// Events.
     Events,
 }
 
@@ -60,7 +59,7 @@ impl Tab {
 /// What the keys currently mean.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Prompt {
-    /// The commands.
+    /// Keys are commands.
     #[default]
     None,
     /// Any key closes the list of keys.
@@ -89,7 +88,6 @@ pub struct Present {
     pub hello: Hello,
 }
 
-/// The latest numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Values {
     /// Time since the estimator started \[s\], and the estimate.
@@ -105,7 +103,6 @@ pub struct Values {
 pub enum LineKind {
     /// Normal operation.
     Plain,
-    /// A problem.
     Trouble,
     /// The user's own note.
     Marker,

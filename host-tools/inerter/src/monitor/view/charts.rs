@@ -30,7 +30,7 @@ pub fn signals(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
     }
 }
 
-/// One signal.
+/// One signal over the time on view.
 pub fn trace(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme, signal: Signal, path: &str) {
     let field = catalogue::find(state.settings.machine, Group::Signal, path);
     let unit = catalogue::unit(state.settings.machine, if signal == Signal::Force { "N" } else { "mm" });
