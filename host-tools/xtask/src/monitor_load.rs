@@ -122,20 +122,23 @@ pub fn device(program: &Path) -> Result<(Running, String)> {
 
 /// A simulated device with these options, and its address.
 pub fn simulated(program: &Path, options: &[&str]) -> Result<(Running, String)> {
-    let mut child = Command::new(program)
-        .args(["simulate", "--tcp", "127.0.0.1:0", "--json"])
-        .args(options)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .spawn()
-        .context("cannot start the simulated device")?;
-    let output = child.stdout.take().context("no pipe to the simulated device")?;
-    let running = Running(child);
-    let mut line = String::new();
-    BufReader::new(output).read_line(&mut line).context("the simulated device printed nothing")?;
+    let mut command = Command::new(program);
+    command.args(["simulate", "--tcp", "127.0.0.1:0", "--json"]).args(options);
+    let (running, line) = announced(&mut command)?;
     let ready: Value = serde_json::from_str(&line).with_context(|| format!("the simulated device printed: {line}"))?;
     let address = ready["address"].as_str().with_context(|| format!("no address in: {line}"))?.to_owned();
     Ok((running, address))
+}
+
+/// Starts a device, and returns the line that it prints once it can be reached.
+pub fn announced(command: &mut Command) -> Result<(Running, String)> {
+    let mut child = process::spawn(command.stdin(Stdio::null()).stdout(Stdio::piped()))?;
+    let output = child.stdout.take().context("no pipe to the device")?;
+    let running = Running(child);
+    let mut line = String::new();
+    BufReader::new(output).read_line(&mut line).context("the device's address cannot be read")?;
+    ensure!(!line.is_empty(), "the device ended before it printed its address");
+    Ok((running, line.trim().to_owned()))
 }
 
 /// Runs the monitor; returns what it used over time, and the bytes it drew.

@@ -265,7 +265,7 @@ pub const GUEST: System = System {
 };
 
 /// For libFuzzer.
-const CXX: System = System {
+pub const CXX: System = System {
     name: "C++",
     found: || process::version("c++").ok_or_else(|| "no c++".into()),
     linux: ["g++", "gcc-c++", "gcc", "g++", "gcc-c++"],
@@ -275,7 +275,7 @@ const CXX: System = System {
 };
 
 /// Compiles the twin's emulator.
-const TWIN: System = System {
+pub const TWIN: System = System {
     name: "CMake and libclang",
     found: twin_tools,
     linux: [

@@ -1,11 +1,11 @@
 //! Runs the live programs for hours: a virtual device at 4 kHz with two recordings, the page and all bridges, and two
-//! with a recording each: the image in QEMU, and the board's image on the twin at 4 kHz.
+//! more devices with a recording each: the image in QEMU, and the board's image on the twin at 4 kHz.
 //!
 //! Nothing may be lost, no process may grow, the samples must agree with the time that was asked for and with the host's
 //! clock, and each recording must give identical output in a replay and on a device. `target/soak/progress.tsv` has a
 //! line for each measurement of the processes, so a run that was stopped early shows how far it got. The twin runs at
-//! the lowest priority and falls behind, because it needs a core to itself to run about as fast as a board: its samples
-//! are not compared with any clock.
+//! the lowest priority and may be slower than a board, because it needs a core to itself to run about as fast as one.
+//! So its samples are compared with its own counter, and with a clock only to see that it took part.
 
 mod kept;
 
@@ -13,7 +13,7 @@ use self::kept::{Kept, LEAST_H};
 use crate::{
     commit::commit,
     firmware::{self, Image},
-    monitor_load::{Look, MOST_MISSING, RATE_HZ, Running, SETTLED_S, device, host_s, info, look, simulated},
+    monitor_load::{Look, MOST_MISSING, RATE_HZ, Running, SETTLED_S, announced, device, host_s, info, look, simulated},
     process, setup,
     table::{self, Row},
     tree,
@@ -48,6 +48,10 @@ const INDEX_MB_PER_S: f64 = 5e-4;
 /// may have arrived late: a virtual device that is less than a second late catches up. In between nothing may add up,
 /// because the device samples by the same clock.
 const APART_S: f64 = 1.0;
+/// Allowed difference between the samples of the twin and its own counter, at the rate that was asked for \[s\].
+const COUNTED_S: f64 = 0.01;
+/// How many times slower than a board the twin may be: slower, it has not taken part.
+const SLOWER: f64 = 10.0;
 /// The last part of a recording, which is also sent through a device \[s\].
 const REPLAYED_S: f64 = 300.0;
 
@@ -103,11 +107,13 @@ impl Drop for Simulator {
     }
 }
 
-/// What a recording of a device that keeps time must hold.
+/// What was asked of a recording.
 #[derive(Clone, Copy)]
 struct Asked {
     rate_hz: f64,
     seconds: f64,
+    /// Whether the device samples by a clock, or may be slower.
+    keeps_time: bool,
 }
 
 /// Counted by other threads.
@@ -170,7 +176,8 @@ struct Images {
 
 impl Images {
     fn build() -> Result<Self> {
-        setup::ensure(setup::ALL, false)?;
+        let systems = [&setup::ARM_QEMU, &setup::TWIN, &setup::CXX].map(setup::Need::System);
+        setup::ensure(&[&[setup::Need::Firmware], &systems[..]].concat(), false)?;
         Ok(Self {
             qemu: firmware::build(Image::QEMU)?,
             board: firmware::build(Image::BOARD)?,
@@ -183,12 +190,7 @@ impl Images {
 fn twin(images: &Images) -> Result<(Running, String)> {
     let mut command = Command::new("nice");
     command.args(["-n", "19"]).arg(&images.twin).args(["tcp", &RATE_HZ.to_string()]).arg(&images.board);
-    let mut child = process::spawn(command.stdin(Stdio::null()).stdout(Stdio::piped()))?;
-    let output = child.stdout.take().context("no pipe to the twin")?;
-    let running = Running(child);
-    let mut line = String::new();
-    BufReader::new(output).read_line(&mut line).context("the twin printed nothing")?;
-    Ok((running, line.trim().to_owned()))
+    announced(&mut command)
 }
 
 fn soak(program: &Path, images: Option<&Images>, folder: &Path, seconds: f64) -> Result<Vec<Row>> {
@@ -220,8 +222,7 @@ fn soak(program: &Path, images: Option<&Images>, folder: &Path, seconds: f64) ->
     let record = ["record", "-o", "beside.mcap", "--connect", &places["shared device"]];
     watched.push(Watched::recorder("recorder beside", start(program, folder, seconds - 10.0, &record)?));
 
-    // Each with the time that was asked for; without one, the device may be slower than a clock.
-    let asked = |rate_hz, seconds| Some(Asked { rate_hz, seconds });
+    let asked = |rate_hz, seconds| Asked { rate_hz, seconds, keeps_time: true };
     let mut recordings =
         vec![("monitor.mcap", asked(RATE_HZ, seconds)), ("beside.mcap", asked(RATE_HZ, seconds - 10.0))];
     let mut devices = None;
@@ -236,7 +237,12 @@ fn soak(program: &Path, images: Option<&Images>, folder: &Path, seconds: f64) ->
         let rest_s = (seconds - started.elapsed().as_secs_f64()).max(5.0);
         for (name, file, address, asked) in [
             ("recorder of the image", "qemu.mcap", &address, asked(QEMU_RATE_HZ, rest_s)),
-            ("recorder of the twin", "twin.mcap", &twins_address, None),
+            (
+                "recorder of the twin",
+                "twin.mcap",
+                &twins_address,
+                Asked { keeps_time: false, ..asked(RATE_HZ, rest_s) },
+            ),
         ] {
             recordings.push((file, asked));
             let record = ["record", "-o", file, "--connect", address];
@@ -265,9 +271,7 @@ fn soak(program: &Path, images: Option<&Images>, folder: &Path, seconds: f64) ->
     for (name, asked) in recordings {
         let info = info(program, folder, name)?;
         rows.extend(recorded(&info, name)?);
-        if let Some(asked) = asked {
-            rows.extend(in_time(&info, name, asked)?);
-        }
+        rows.extend(in_time(&info, name, asked)?);
         rows.push(replayed(program, folder, name, &info, &address)?);
     }
     Ok(rows)
@@ -412,7 +416,7 @@ fn memory(watched: &Watched) -> Vec<Row> {
     let index_mb = watched.recorder.as_ref().map_or(0.0, |_| INDEX_MB_PER_S * (last_s - middle_s));
     let grown = (most(middle_s, last_s) / (most(settled_s, middle_s) + index_mb) - 1.0) * 100.0;
     vec![
-        Row::new(format!("{}: memory, most", watched.name), most(0.0, last_s), "MB"),
+        Row::new(format!("{}: memory, maximum", watched.name), most(0.0, last_s), "MB"),
         Row::new(format!("{}: grown after the first minute", watched.name), grown, "%").at_most(GROWTH),
     ]
 }
@@ -424,22 +428,35 @@ fn figure(info: &Value, name: &str, key: &str) -> Result<f64> {
 
 /// The samples of a recording, and what was lost of them.
 fn recorded(info: &Value, name: &str) -> Result<Vec<Row>> {
-    let row = |(what, key): (&str, &str)| Ok(Row::new(format!("{name}: {what}"), figure(info, name, key)?, ""));
-    let lost =
-        [("samples lost", "lost_samples"), ("discontinuities", "discontinuities"), ("frames lost", "lost_frames")];
-    let lost = lost.into_iter().map(|what| row(what).map(|row| row.at_most(0.0)));
-    [row(("samples", "samples"))].into_iter().chain(lost).collect()
+    let row = |what: &str, key: &str| -> Result<Row> {
+        Ok(Row::new(format!("{name}: {what}"), figure(info, name, key)?, ""))
+    };
+    Ok(vec![
+        row("samples", "samples")?,
+        row("samples lost", "lost_samples")?.at_most(0.0),
+        row("discontinuities", "discontinuities")?.at_most(0.0),
+        row("frames lost", "lost_frames")?.at_most(0.0),
+    ])
 }
 
-/// What is missing from the time that was asked for, and how far samples and the host's clock are apart.
+/// What is missing from the time that was asked for, and how far samples and the host's clock are apart; for a device
+/// that may be slower than a clock, how much slower it was, and how far samples and its own counter are apart.
 fn in_time(info: &Value, name: &str, asked: Asked) -> Result<Vec<Row>> {
     let lasted_s = figure(info, name, "samples")? / asked.rate_hz;
-    let missing = (1.0 - lasted_s / asked.seconds).max(0.0) * 100.0;
     let row = |what: &str, value: f64, unit| Row::new(format!("{name}: {what}"), value, unit);
-    Ok(vec![
-        row("missing of the time asked for", missing, "%").at_most(MOST_MISSING),
-        row("samples and the host's clock apart", (lasted_s - host_s(info)?).abs(), "s").at_most(APART_S),
-    ])
+    Ok(if asked.keeps_time {
+        let missing = (1.0 - lasted_s / asked.seconds).max(0.0) * 100.0;
+        vec![
+            row("missing of the time asked for", missing, "%").at_most(MOST_MISSING),
+            row("samples and the host's clock apart", (lasted_s - host_s(info)?).abs(), "s").at_most(APART_S),
+        ]
+    } else {
+        vec![
+            row("times slower than a board", asked.seconds / lasted_s, "").at_most(SLOWER),
+            row("samples and the device's counter apart", (lasted_s - figure(info, name, "duration_s")?).abs(), "s")
+                .at_most(COUNTED_S),
+        ]
+    })
 }
 
 /// How many lines differ between a replay of the recording's last part and a device that receives it.
@@ -498,12 +515,13 @@ mod tests {
     #[test]
     fn a_recording_is_judged_by_the_hosts_clock_and_the_time_asked_for() {
         // From 1 Hz of samples for 100 s; each recording is without a gap, by the device's own counter.
+        let asked = Asked { rate_hz: 1.0, seconds: 100.0, keeps_time: true };
         let missed = |samples: u64, host_s: u64| {
             let first_ns = 1_700_000_000_000_000_000_u64;
             let info = json!({
                 "samples": samples, "first_ns": first_ns, "last_ns": first_ns + host_s * 1_000_000_000,
             });
-            table::missed(&in_time(&info, "run", Asked { rate_hz: 1.0, seconds: 100.0 }).unwrap())
+            table::missed(&in_time(&info, "run", asked).unwrap())
         };
         assert_eq!(missed(100, 100), "");
         assert_eq!(missed(96, 96), "");
@@ -511,7 +529,21 @@ mod tests {
         for samples in [97, 103] {
             assert_eq!(missed(samples, 100), "run: samples and the host's clock apart");
         }
-        assert!(in_time(&json!({ "samples": 100 }), "run", Asked { rate_hz: 1.0, seconds: 100.0 }).is_err());
+        assert!(in_time(&json!({ "samples": 100 }), "run", asked).is_err());
+    }
+
+    #[test]
+    fn a_slow_device_takes_part_at_the_rate_asked_for() {
+        let asked = Asked { rate_hz: 4000.0, seconds: 100.0, keeps_time: false };
+        let missed = |samples: u64, duration_s: f64| {
+            let info = json!({ "samples": samples, "duration_s": duration_s });
+            table::missed(&in_time(&info, "run", asked).unwrap())
+        };
+        assert_eq!(missed(200_000, 50.0), "");
+        assert_eq!(missed(8000, 2.0), "run: times slower than a board");
+        assert_eq!(missed(0, 0.0), "run: times slower than a board");
+        // At 1 kHz.
+        assert_eq!(missed(50_000, 50.0), "run: samples and the device's counter apart");
     }
 
     #[test]

@@ -170,12 +170,12 @@ const STEPS: &[Step] = &[
     here(NotQuick, 500, "tests", "cargo test-lean", test),
     here(
         Full,
-        540,
+        480,
         "tests, probe",
         "cargo test -p inerter -p inerter-device, and `cargo test -p inerter --no-default-features --test transcripts`",
         test_probe,
     ),
-    here(Full, 180, "tests of the twin, long", "cargo test -- --ignored, in tests/twin", test_twin_long),
+    here(Full, 420, "tests of the twin, long", "cargo test -- --ignored, in tests/twin", test_twin_long),
     here(
         Full,
         120,
@@ -190,11 +190,11 @@ const STEPS: &[Step] = &[
         "cargo clippy -p inerter --no-default-features --features FEATURE",
         lint_other_features,
     ),
-    own(Full, 480, "Python package, release", "cargo xtask wheel"),
+    own(Full, 420, "Python package, release", "cargo xtask wheel"),
     beside(Full, "whole table of accuracy", "cargo xtask accuracy"),
     beside(Full, "whole table of changes", "cargo xtask changes"),
-    own(Full, 600, "fuzzing", "cargo xtask fuzz"),
-    own(Full, 840, "chaos", "cargo xtask chaos"),
+    own(Full, 540, "fuzzing", "cargo xtask fuzz"),
+    own(Full, 780, "chaos", "cargo xtask chaos"),
     own(Full, 300, "soak", "cargo xtask soak"),
 ];
 
@@ -433,7 +433,8 @@ fn test() -> Result<()> {
     })
 }
 
-/// Those tests of the twin that repeat a shorter one with another rate, motion or fault.
+/// The twin's long tests: those that repeat a shorter one with another rate, motion or fault, and updates over a real
+/// kernel's USB.
 fn test_twin_long() -> Result<()> {
     // Another step leaves the program there with fewer features.
     workspace::tested(Part::Main, "inerter")?;

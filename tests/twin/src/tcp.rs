@@ -1,7 +1,7 @@
 //! A board's serial port over TCP, as the host's programs reach it with `--connect ADDRESS`.
 //!
-//! The board is connected by USB, and its port is forwarded to one client at a time: a connection plugs the board in and
-//! opens its port, the end of the connection unplugs it. A restart closes the connection, as it would remove a port.
+//! The board is connected by USB, and its port is forwarded to one client at a time. A connection plugs the board in
+//! and opens its port; its end unplugs the board. A restart closes the connection, as it would remove a port.
 
 use crate::usb_host::{Carried, Socket, UsbError};
 use crate::usb_link::UsbLink;
@@ -24,7 +24,8 @@ pub fn listener() -> io::Result<TcpListener> {
 /// Serves a device, unplugged so far, until `over` returns true, and unplugs it.
 ///
 /// While a client is connected, the device's time runs at wall-clock speed, or slower on a slow computer, but never
-/// faster: the client would have less time than with a real device. It stands still while the client reads nothing.
+/// faster: the client would have less time than with a real device. It stands still once a client that reads nothing
+/// has filled its buffers. Without a client it runs as fast as it can.
 ///
 /// # Errors
 ///
@@ -34,7 +35,7 @@ pub fn serve<S: Socket>(link: &mut UsbLink<S>, listener: &TcpListener, mut over:
     while !over() {
         let (begun, begun_s) = (Instant::now(), link.socket.time_s());
         client = match client.take() {
-            Some(stream) => turn(link, stream),
+            Some(stream) => turn(link, stream, &mut over),
             None => accept(link, listener),
         };
         if client.is_none() {
@@ -58,7 +59,7 @@ fn accept<S: Socket>(link: &mut UsbLink<S>, listener: &TcpListener) -> Option<Tc
 }
 
 /// Forwards both directions for a moment. `None` if either end has gone.
-fn turn<S: Socket>(link: &mut UsbLink<S>, mut stream: TcpStream) -> Option<TcpStream> {
+fn turn<S: Socket>(link: &mut UsbLink<S>, mut stream: TcpStream, over: &mut impl FnMut() -> bool) -> Option<TcpStream> {
     let mut portion = [0; 4096];
     match stream.read(&mut portion) {
         Ok(0) => return None,
@@ -73,7 +74,9 @@ fn turn<S: Socket>(link: &mut UsbLink<S>, mut stream: TcpStream) -> Option<TcpSt
     while !rest.is_empty() {
         match stream.write(rest) {
             Ok(count) => rest = &rest[count..],
-            Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::sleep(Duration::from_millis(1)),
+            Err(error) if error.kind() == ErrorKind::WouldBlock && !over() => {
+                std::thread::sleep(Duration::from_millis(1));
+            }
             Err(_) => return None,
         }
     }

@@ -2,7 +2,8 @@
 //!
 //! [`Server::turn`] advances everything by one step: connections, packets, device time. [`Server::run`] keeps device
 //! time in step with wall-clock time, because the client's kernel uses the latter. A kernel in an emulator may be too
-//! slow for that: while it has no read pending on an endpoint that it reads, device time stands still.
+//! slow for that: while it has no read pending on an endpoint that it reads, device time stands still, for a second at
+//! most.
 //!
 //! The client's kernel acts as the host's drivers, [`UsbHost`] as its host controller. An import connects the cable;
 //! the end of the connection disconnects it. Linux does not forward its bus reset and SET_ADDRESS to the server, which
@@ -23,7 +24,7 @@ const AHEAD: Duration = Duration::from_millis(1);
 const BEHIND: Duration = Duration::from_millis(50);
 /// Pause while device time leads.
 const NAP: Duration = Duration::from_micros(300);
-/// A client without a pending read for this long has stopped reading.
+/// A client without a pending read for this long has stopped reading. Until then its other transfers wait, too.
 const READ_TIME: Duration = Duration::from_secs(1);
 /// A client that accepts no data for this long is disconnected.
 const WRITE_TIME: Duration = Duration::from_secs(5);
@@ -103,8 +104,8 @@ pub struct Server<S> {
     clients: Vec<Client>,
     /// The host's transfers by number.
     transfers: BTreeMap<u64, Pending>,
-    /// Since when the client has no read pending on an endpoint that it reads.
-    starved: Option<Instant>,
+    /// Endpoints that the client reads, without a pending read since then.
+    starved: BTreeMap<u8, Instant>,
     description: Option<Description>,
 }
 
@@ -120,7 +121,7 @@ impl<S: Socket> Server<S> {
             listener,
             clients: Vec::new(),
             transfers: BTreeMap::new(),
-            starved: None,
+            starved: BTreeMap::new(),
             description: None,
         })
     }
@@ -146,11 +147,10 @@ impl<S: Socket> Server<S> {
         let mut start = (Instant::now(), self.socket.time_s());
         while !over(self) {
             self.hear_all()?;
-            if self.starved.is_some_and(|since| since.elapsed() < READ_TIME) {
+            if self.stands_still(Instant::now()) {
                 std::thread::sleep(NAP);
                 continue;
             }
-            self.starved = None;
             self.serve()?;
             let lived = Duration::from_secs_f64((self.socket.time_s() - start.1).max(0.0));
             let passed = start.0.elapsed();
@@ -161,6 +161,10 @@ impl<S: Socket> Server<S> {
             }
         }
         Ok(())
+    }
+
+    fn stands_still(&self, now: Instant) -> bool {
+        self.starved.values().any(|&since| now.duration_since(since) < READ_TIME)
     }
 
     /// One step: new connections, their data, one packet of each transfer, completed transfers.
@@ -248,8 +252,8 @@ impl<S: Socket> Server<S> {
             }
             Request::Submit { sequence, to_host, transfer } => {
                 let reads = if let Transfer::In(endpoint, _) = transfer { Some(endpoint) } else { None };
-                if reads.is_some() {
-                    self.starved = None;
+                if let Some(endpoint) = reads {
+                    self.starved.remove(&endpoint);
                 }
                 let number = self.host.submit(transfer);
                 self.transfers.insert(number, Pending { sequence, to_host, reads });
@@ -297,7 +301,7 @@ impl<S: Socket> Server<S> {
         self.host.unplug(&mut self.socket);
         while self.host.next_done().is_some() {}
         self.transfers.clear();
-        self.starved = None;
+        self.starved.clear();
     }
 
     /// Sends the replies to completed transfers. A broken connection is detected at the next read.
@@ -306,8 +310,8 @@ impl<S: Socket> Server<S> {
             let Some(Pending { sequence, to_host, reads }) = self.transfers.remove(&done.number) else { continue };
             self.counts.transfers += 1;
             let was_last = !self.transfers.values().any(|pending| pending.reads == reads);
-            if reads.is_some() && was_last && done.result.is_ok() {
-                self.starved = Some(Instant::now());
+            if let Some(endpoint) = reads.filter(|_| was_last && done.result.is_ok()) {
+                self.starved.insert(endpoint, Instant::now());
             }
             let answer = match done.result {
                 Ok(data) if to_host => protocol::submitted(sequence, 0, data.len(), &data),

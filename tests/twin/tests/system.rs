@@ -679,7 +679,8 @@ fn cut_everywhere(link: &mut SerialLink, before: &Contents, old: &Settings, new:
             let next = numbered(77);
             write(link, &next);
             save(link).unwrap_or_else(|error| panic!("{what}, then saved again: {error}"));
-            // Beside the remains that are the hardest to read.
+            assert_eq!(saved(link), next, "{what}, then saved again");
+            // A restart takes long, so it follows only the cut whose remains are the hardest to read.
             if torn == Torn::Between {
                 let kept = link.machine.chip().flash.contents();
                 start_from(link, &kept);

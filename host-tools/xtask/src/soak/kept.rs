@@ -60,7 +60,7 @@ impl Kept {
              the hours in this table reach H. All programs restart with each portion. *samples* and *lost* are\n\
              totals over all recordings; *lost* counts samples and frames. *grown* is the largest growth of any\n\
              process after its first minute. *apart* is the largest difference between the samples and the host's\n\
-             clock, without the twin, which does not run in real time. *commit* is the tree that was tested;\n\
+             clock, without the twin, which may be slower than a board. *commit* is the tree that was tested;\n\
              `-dirty` means that it also had uncommitted changes.\n\n{hours:.2} hours in all.\n\n\
              | commit | hours | samples | lost | grown % | apart s |\n|---|--:|--:|--:|--:|--:|\n{rows}"
         )
@@ -74,7 +74,7 @@ fn row(commit: &str, hours: f64, figures: &[Row]) -> String {
     let samples: f64 = figures.iter().filter(|row| row.name.ends_with(": samples")).map(|row| row.value).sum();
     let lost: f64 = of(" lost").sum();
     let grown = of(": grown").fold(f64::NEG_INFINITY, f64::max);
-    let apart_s = of(" apart").fold(0.0, f64::max);
+    let apart_s = of("host's clock apart").fold(0.0, f64::max);
     format!("| {commit} | {hours:.2} | {samples} | {lost} | {grown:.1} | {apart_s:.3} |\n")
 }
 
