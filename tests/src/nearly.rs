@@ -172,8 +172,8 @@ The goal is a coverage of {WANTED:.0} % in the silent runs of a cell. Of {all} c
 {held} reach it and {} miss it. Where the law leaves at least {LEAST_LEFT:.0} % of the violation's regressor
 unexplained, {} of {seen} reach it.
 
-The lowest coverage is {least:.0} %, in {worst} cells. By violation, motion (part left unexplained) and
-parameter, they are:
+The lowest coverage is {least:.0} %, in {worst} cells. They are in these places: violation, motion (part left
+unexplained at one of the sizes) and parameter.
 
 {places}
 In {} cells `replay` reports that the parameter assumes the absence of the violation (`assumes`):
@@ -301,7 +301,7 @@ mod tests {
             "a coverage of 90 % in the silent runs of a cell. Of 4 cells with silent runs,\n1 reach it and 3 miss it.",
             "at least 5 % of the violation's regressor\nunexplained, 1 of 3 reach it.",
             "The lowest coverage is 0 %, in 2 cells.",
-            "they are:\n\n- load, `random` (36.60 %), `cf`\n\nIn 3 cells",
+            "and parameter.\n\n- load, `random` (36.60 %), `cf`\n\nIn 3 cells",
             "(`assumes`):\n2 of the cells that miss the goal and 1 of those that reach it.",
             "Cells that miss the goal without\nthis report: 1.",
         ] {

@@ -176,9 +176,10 @@ Where a column has two figures, the first is with the part, the second without i
   samples in which this is reported.
 - *contributes*: what gets worse without the part. *accuracy*: larger errors. *honesty*: more silent
   errors, or more values outside their intervals. *sharpness*: wider intervals. *values*: fewer are
-  given. *names*: fewer faults are reported. Small changes may be chance and do not count (`WORSE`
-  and `BY_CHANCE` in `host-tools/xtask/src/ablation.rs`). *nothing in these runs*: the part may be
-  superfluous, or these runs lack the case that it is for.
+  given. *names*: fewer faults are reported. *clean runs not called broken*: more of them are. Small
+  changes of *error*, *U95* and *outside* may be chance and do not count (`WORSE` and `BY_CHANCE` in
+  `host-tools/xtask/src/ablation.rs`). *nothing in these runs*: the part may be superfluous, or
+  these runs lack the case that it is for.
 
 | without this part | error | worst | U95 | silent | outside | given | broken | named | contributes |
 |---|--:|---|--:|--:|--:|--:|--:|--:|---|

@@ -79,8 +79,7 @@ pub fn run(options: &Options) -> Result<()> {
              each of its steps.\n\n\
              The goal for the program with `--no-default-features` is half the crates of the program of a\n\
              release. Besides `probe` and `bridges` it also leaves out `reports`, `screen` and `tables`. Without\n\
-             just `probe` and `bridges`, the program still has {without_two} crates (a row of its own), so those\n\
-             two alone are not enough for that goal."
+             just `probe` and `bridges`, the program has {without_two} crates (a row of its own)."
         ),
         rows,
         repeats: false,

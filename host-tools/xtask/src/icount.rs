@@ -38,7 +38,7 @@ pub fn run(options: &Options) -> Result<()> {
                 A *reversal* is all that an accepted one takes in the route from the force. A *publication* is all\n\
                 that it adds to its sample. It solves three times, for the recent memory, its part away from rest\n\
                 and the whole run. It also gives each parameter its interval and computes the other published\n\
-                figures. A *solve with intervals* is a third of that.\n\n\
+                figures. A *solve with intervals* is a third of that computation, measured alone.\n\n\
                 The goals apply to the means; the maxima have no goal. The figures guard against growth; they are\n\
                 not cycles of a real core."
             .into(),

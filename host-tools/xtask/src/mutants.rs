@@ -376,7 +376,7 @@ impl Record {
             } else if let Some(reason) = line.strip_prefix("  ")
                 && let Some((_, written)) = record.0.get_mut(file).and_then(|tested| tested.survivors.last_mut())
             {
-                reason.clone_into(written);
+                *written = if written == NO_REASON { reason.to_owned() } else { format!("{written}\n  {reason}") };
             } else if let Some([name, caught, _, _, sum]) = table::cells::<5>(line)
                 && let Ok(caught) = caught.parse()
             {
@@ -503,7 +503,7 @@ mod tests {
         let golden = vec!["replace f -> u8 with 0".into()];
         record.take("a/src/crc.rs", tested("0123", 7, golden), vec![change.into(), change.into()]);
         record.take("a/src/lib.rs", tested("4567", 8, Vec::new()), Vec::new());
-        record.0.get_mut("a/src/crc.rs").unwrap().survivors[0].1 = "the table ends there: nothing differs".into();
+        record.0.get_mut("a/src/crc.rs").unwrap().survivors[0].1 = "the table ends there:\n  nothing differs".into();
         record
     }
 
@@ -546,7 +546,7 @@ mod tests {
         record.take("a/src/crc.rs", Tested::default(), changes);
         let survivors = &record.0["a/src/crc.rs"].survivors;
         let reasons: Vec<&str> = survivors.iter().map(|(_, reason)| reason.as_str()).collect();
-        assert_eq!(reasons, [NO_REASON, "the table ends there: nothing differs"]);
+        assert_eq!(reasons, [NO_REASON, "the table ends there:\n  nothing differs"]);
         record.forget_all_but(&[("a/src/lib.rs".to_owned(), String::new())].into());
         assert_eq!(record.0.into_keys().collect::<Vec<_>>(), ["a/src/lib.rs"]);
     }

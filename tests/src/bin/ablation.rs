@@ -136,7 +136,7 @@ fn cases() -> Vec<Case> {
 struct Found {
     error: f64,
     u95: f64,
-    unsaid: bool,
+    unreported: bool,
 }
 
 impl Found {
@@ -174,7 +174,7 @@ fn show(case: &Case) -> Result<(), PlantError> {
             let rms = (given.iter().map(|found| found.error.powi(2)).sum::<f64>() / count).sqrt();
             let u95 = given.iter().map(|found| found.u95).sum::<f64>() / count;
             let outside = given.iter().filter(|found| found.is_off_by(1.0)).count();
-            let silent = given.iter().filter(|found| found.unsaid && found.is_off_by(2.0)).count();
+            let silent = given.iter().filter(|found| found.unreported && found.is_off_by(2.0)).count();
             let motion = motion.split('@').next().unwrap_or(motion);
             println!(
                 "{}\t{}, {motion}\t{parameter}\t{rms}\t{u95}\t{}\t{silent}\t{outside}\t{broken}\t{named}\t{}",
@@ -279,7 +279,7 @@ fn run(case: &Case, motion: &str, seed: u64) -> Result<Said, PlantError> {
     let friction = matches!(published.detail.friction.regime, Regime::Presliding | Regime::Stribeck);
     let found = |found: Option<Interval>, truth: f64, told: bool| {
         let Interval { value, u95 } = found?;
-        Some(Found { error: f64::from(value) - truth, u95: u95.into(), unsaid: !told })
+        Some(Found { error: f64::from(value) - truth, u95: u95.into(), unreported: !told })
     };
     let doubted = broken || warned;
     let found = [

@@ -39,7 +39,7 @@ struct Counts {
     /// lists any assumption.
     given: u32,
     outside: u32,
-    unsaid: u32,
+    unreported: u32,
     assumed: u32,
     /// Sum of the logarithms of the ratios of these intervals to the device's.
     widths: f64,
@@ -78,7 +78,7 @@ impl Counts {
             let is_said = case.kind.is_some_and(|kind| judged.assumes.contains(&kind));
             self.given += 1;
             self.outside += u32::from(off > wider);
-            self.unsaid += u32::from(off > wider && !is_said);
+            self.unreported += u32::from(off > wider && !is_said);
             self.assumed += u32::from(!judged.assumes.is_empty());
             widths += (wider / u95).ln();
         }
@@ -137,7 +137,7 @@ pub fn run(_: &[&str]) -> Result<bool> {
         ("wrong", |counts| counts.wrong),
         ("given", |counts| counts.given),
         ("outside", |counts| counts.outside),
-        ("unsaid", |counts| counts.unsaid),
+        ("unreported", |counts| counts.unreported),
         ("assumed", |counts| counts.assumed),
     ];
     for (name, count) in readings {

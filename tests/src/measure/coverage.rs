@@ -58,7 +58,8 @@ exactly true. Each motion of [accuracy](accuracy.md) has {} runs, with seeds fro
 - *covered*: percentage of the runs whose interval contains the true value. The goal is 95 % or
   more.
 - *broken*: runs in which the law is called broken at the end. The other columns leave them out.
-- A cell is bold if it misses a goal by more than chance explains (1 in 10 000).
+- *rms* and *covered* of a row are bold if either misses its goal by more than chance explains
+  (1 in 10 000).
 ",
         SEEDS.count(),
         SEEDS.start,
@@ -87,7 +88,7 @@ exactly true. Each motion of [accuracy](accuracy.md) has {} runs, with seeds fro
     }
     text += &format!(
         "
-{right} of {all} cells are not bold. In {blunt} cells the coverage is above 95 % by more than
+{right} of {all} rows are not bold. In {blunt} rows the coverage is above 95 % by more than
 chance explains.
 "
     );

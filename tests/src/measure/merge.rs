@@ -107,7 +107,7 @@ pub fn measure(_: Asked) -> Measured {
 
 `cargo xtask merge --update` writes this table. Each of {GROUPS} groups has runs of {DURATION_S} s of one device,
 the paper's. `inerter fit` and `inerter.merge` fit 1, 2, 4 or 16 of these runs together. Each run
-has a seed of its own. With `repeated` all runs of a group have the same tone, with `several` they
+has a seed of its own. With `repeated` all runs of a group have the same motion, with `several` they
 have `random`, `mid`, `two` and `multi` in turn. The settings state the true uncertainties: none for
 the rig, and the actual one for the skew.
 

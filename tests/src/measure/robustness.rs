@@ -233,8 +233,9 @@ fn markdown(rows: &[Row]) -> String {
 
 How one imperfection of rig or device at a time affects the estimates. Device, rig and motions are
 those of [accuracy](accuracy.md) (1 kHz, 1 N, 2.44 um per count). Each row has {SEEDS} runs of 20 s, in
-`slow` of 80 s. The settings do not state the imperfection, except where its name says so. *fc* is
-the sliding friction, the mean of both directions.
+`slow` of 80 s. The settings state the encoder's count and the limits of a clipped force, and
+what a row's name says is stated, but no other imperfection. *fc* is the sliding friction, the mean
+of both directions.
 
 Written by `cargo xtask robustness --update`. `cargo xtask robustness` measures again. It fails if a
 figure differs from the table by more than {} %, or if the flags differ.

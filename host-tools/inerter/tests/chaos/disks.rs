@@ -64,7 +64,7 @@ fn files_that_may_not_grow() {
         }
     });
     scenario.passed(&format!(
-        "{} runs ended with exit code 8 and left no file, {} were ended by the system; \
+        "{} runs ended with exit code 8 and left no new file, {} were ended by the system; \
          no incomplete file, no earlier file lost",
         failed.into_inner(),
         killed.into_inner()
@@ -109,7 +109,7 @@ fn full_disks() {
             runs.fetch_add(1, Ordering::Relaxed);
         }
     });
-    scenario.passed(&format!("{} runs, each ended with exit code 8 and left no file", runs.into_inner()));
+    scenario.passed(&format!("{} runs, each ended with exit code 8 and left no new file", runs.into_inner()));
 }
 
 /// A folder that belongs to another user.

@@ -137,7 +137,7 @@ fn killed_recordings() {
     assert!(lost.len() > all.len() / 2, "only {} of {} recordings hold anything", lost.len(), all.len());
     scenario.passed(&format!(
         "{} kills of `record` and `monitor --record`; at most {:.2} s lost, \
-         all files can be opened ({empty} killed before the first frame)",
+         all files with frames can be opened ({empty} killed before the first frame)",
         all.len(),
         lost.iter().copied().fold(0.0, f64::max)
     ));

@@ -368,7 +368,7 @@ pub const HEURISTICS: &[Heuristic] = &[
         "const OUTLIER: u64 = 35_000_000;",
     ),
     one(
-        "8: the interval of the backlash includes 0.4 of a count",
+        "8: without the sensor, the interval of the backlash includes 0.4 of a count",
         "backlash/report.rs",
         "const COUNT_PART: f32 = 0.4;",
         "const COUNT_PART: f32 = 0.0;",

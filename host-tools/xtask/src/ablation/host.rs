@@ -176,14 +176,14 @@ const PARTS: &[Heuristic] = &[
         "const FAR: f64 = f64::INFINITY;",
     ),
     one(
-        "a poorly determined cause is reported as an assumption instead of widening the interval",
+        "a poorly determined cause is reported as an assumption, and widens the interval only if its shift exceeds chance",
         "hidden.rs",
         "pub const TOLD: f64 = 1.6;",
         "pub const TOLD: f64 = 1e9;",
     ),
     tested(
         "in_a_tone_inertance_rests_on_a_position_that_does_not_give_way",
-        "a position that yields to the force counts among the causes too small to be named",
+        "a position that yields to the force is considered as a hidden cause",
         "candidate.rs",
         "all.push(Self::Bent);",
         "",
@@ -223,7 +223,7 @@ const COLUMNS: [Column; 8] = [
     Column { name: "right", of: Some("corrected"), worse: Less, lost: "honesty" },
     Column { name: "wrong", of: None, worse: Greater, lost: "no false names" },
     Column { name: "outside", of: Some("given"), worse: Greater, lost: "honesty" },
-    Column { name: "unsaid", of: Some("given"), worse: Greater, lost: "honesty" },
+    Column { name: "unreported", of: Some("given"), worse: Greater, lost: "honesty" },
     Column { name: "assumed", of: Some("given"), worse: Greater, lost: "fewer assumptions" },
     Column { name: WIDTH, of: None, worse: Greater, lost: "sharpness" },
 ];
@@ -297,8 +297,8 @@ a copy of the tree is edited and built (`host-tools/xtask/src/ablation/host.rs`)
 two figures, the first is with the part, the second without it.
 
 - *first*: runs whose fault is named before any other cause. *sized*: those of them whose size is
-  right to 10 %. *right*: of the parameters that these runs give with the causes included, those
-  within their intervals [%].
+  right to 10 %. *right*: of the parameters that the *first* runs give with the causes included,
+  those within their intervals [%].
 - *wrong*: runs whose first named cause is not present, with or without a fault.
 - *outside*, *unreported*, *assumed* and *width* are of runs with a true or nearly true law in which
   no cause and no broken law is reported. *outside*: parameters whose true value is outside the
@@ -331,7 +331,7 @@ mod tests {
         let counted = |first: u32, right: u32, wrong: u32, outside: u32, width: f64| {
             let text = format!(
                 "first\t{first}\nsized\t30\ncorrected\t90\nright\t{right}\nwrong\t{wrong}\ngiven\t100\n\
-                 outside\t{outside}\nunsaid\t{outside}\nassumed\t50\nwidth\t{width}\n"
+                 outside\t{outside}\nunreported\t{outside}\nassumed\t50\nwidth\t{width}\n"
             );
             counts(&text).unwrap()
         };
