@@ -8,7 +8,7 @@
 //! At the end, `inerter update` installs another firmware over the same cable. A longer test has the self-test's visit
 //! to update mode, updates that are interrupted or by Debian's dfu-util, another build and chips that are too small.
 //!
-//! Slow: two minutes, the longer one three. Skipped if the image or QEMU is missing.
+//! Slow: two minutes, the longer one five. Skipped if the image or QEMU is missing.
 
 use crate::common::{another, chip_with, configured, image_of_others, rig, serial};
 use inerter_core::Settings;
