@@ -4,8 +4,8 @@
 //! Nothing may be lost, no process may grow, the samples must agree with the time that was asked for and with the host's
 //! clock, and each recording must give identical output in a replay and on a device. `target/soak/progress.tsv` has a
 //! line for each measurement of the processes, so a run that was stopped early shows how far it got. The twin runs at
-//! the lowest priority and may be slower than a board, because it needs a core to itself to run about as fast as one.
-//! So its samples are compared with its own counter, and with a clock only to see that it took part.
+//! the lowest priority and does not catch up the time that it loses, so it may be slower than a board. Its samples are
+//! compared with its own counter, and with a clock only to see that it took part.
 
 mod kept;
 
@@ -50,7 +50,7 @@ const INDEX_MB_PER_S: f64 = 5e-4;
 const APART_S: f64 = 1.0;
 /// Allowed difference between the samples of the twin and its own counter, at the rate that was asked for \[s\].
 const COUNTED_S: f64 = 0.01;
-/// How many times slower than a board the twin may be: slower, it has not taken part.
+/// How many times slower than a board the twin may be. If it is slower, it has not taken part.
 const SLOWER: f64 = 10.0;
 /// The last part of a recording, which is also sent through a device \[s\].
 const REPLAYED_S: f64 = 300.0;

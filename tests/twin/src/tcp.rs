@@ -24,8 +24,9 @@ pub fn listener() -> io::Result<TcpListener> {
 /// Serves a device, unplugged so far, until `over` returns true, and unplugs it.
 ///
 /// While a client is connected, the device's time runs at wall-clock speed, or slower on a slow computer, but never
-/// faster: the client would have less time than with a real device. It stands still once a client that reads nothing
-/// has filled its buffers. Without a client it runs as fast as it can.
+/// faster: the client would have less time than with a real device. Time that is lost is not caught up. The device's
+/// time stands still once a client that reads nothing has filled its buffers. Without a client it runs as fast as it
+/// can.
 ///
 /// # Errors
 ///
